@@ -1,0 +1,29 @@
+"""Batched, differentiable kinematics in JAX for the Niryo One and for open chains in general."""
+
+from niryo_jax import robots
+from niryo_jax.chain import forward_kinematics, link_poses
+from niryo_jax.jacobian import (
+    autodiff_space_jacobian,
+    body_jacobian,
+    condition_number,
+    manipulability,
+    singular_values,
+    space_jacobian,
+)
+from niryo_jax.lie import se3, so3
+from niryo_jax.robot import Robot
+
+__all__ = [
+    "Robot",
+    "autodiff_space_jacobian",
+    "body_jacobian",
+    "condition_number",
+    "forward_kinematics",
+    "link_poses",
+    "manipulability",
+    "robots",
+    "se3",
+    "singular_values",
+    "so3",
+    "space_jacobian",
+]

@@ -1,0 +1,126 @@
+"""From robots to lanes, and from functions of lanes to compiled functions of robots.
+
+A concrete robot's zeros and ones are part of the compiled program and its other numbers are
+arguments of it: two robots with zeros in the same places share one program. Inside a caller's own
+transformation a concrete robot is folded whole. A traced robot (differentiated, batched, or an
+argument of the caller's jit) is nothing but arguments, so that every derivative with respect to
+its geometry is right.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from niryo_jax import lanes
+from niryo_jax.lanes import Lane, Lanes
+from niryo_jax.robot import Robot, is_concrete
+from niryo_jax.tolerances import PITCH
+
+class Geometry(NamedTuple):
+    """A robot's screws and home pose as lanes.
+
+    Attributes:
+        screws: (n, 6) lanes; home: (4, 4) lanes.
+        kinds: what is known of each joint while tracing: "revolute", "prismatic", "helical", or
+            "any" for a screw that is traced, may have any magnitude, and is differentiated as such.
+    """
+
+    screws: Lanes
+    home: Lanes
+    kinds: tuple[str, ...]
+
+    @property
+    def joints(self) -> int:
+        """The number of joints n."""
+        return len(self.kinds)
+
+
+def joint_kinds(screws: np.ndarray) -> tuple[str, ...]:
+    """The kind of each joint of a concrete robot."""
+
+    def kind(screw: np.ndarray) -> str:
+        if not np.any(screw[:3]):
+            return "prismatic"
+        return "helical" if abs(screw[:3] @ screw[3:]) > PITCH else "revolute"
+
+    return tuple(kind(screw) for screw in screws)
+
+
+def geometry_of(robot: Robot) -> Geometry:
+    """The lanes of a robot: plain numbers where it is concrete, traced scalars otherwise."""
+    if is_concrete(robot.screws, robot.home) and robot.screws.ndim == robot.home.ndim == 2:
+        screws, home = np.asarray(robot.screws), np.asarray(robot.home)
+        return Geometry(lanes.unpack(screws, 2), lanes.unpack(home, 2), joint_kinds(screws))
+    screws, home = jnp.asarray(robot.screws), jnp.asarray(robot.home)
+    return Geometry(lanes.unpack(screws, 2), lanes.unpack(home, 2), ("any",) * robot.joints)
+
+
+Result = TypeVar("Result")
+
+
+class _Pattern(NamedTuple):
+    """Which numbers of a robot's screws and home are known to the program (None: arguments)."""
+
+    known: tuple[float | None, ...]
+    kinds: tuple[str, ...]
+
+    def geometry(self, arguments: jax.Array) -> Geometry:
+        """The lanes of the robot: the known numbers, and the arguments in the places between."""
+        rest = iter(arguments[i] for i in range(arguments.shape[0]))
+        entries = np.empty(len(self.known), dtype=object)
+        for i, number in enumerate(self.known):
+            entries[i] = Lane(next(rest)) if number is None else Lane(number)
+        joints = len(self.kinds)
+        screws, home = entries[: 6 * joints], entries[6 * joints :]
+        return Geometry(screws.reshape(joints, 6), home.reshape(4, 4), self.kinds)
+
+
+def _pattern_of(robot: Robot, whole: bool) -> tuple[_Pattern, np.ndarray]:
+    """The pattern and the arguments of a concrete robot."""
+    cache: dict[bool, tuple[_Pattern, np.ndarray]] = robot.__dict__.setdefault("_patterns", {})
+    if whole not in cache:
+        screws, home = np.asarray(robot.screws), np.asarray(robot.home)
+        numbers = np.concatenate([screws.ravel(), home.ravel()])
+        # Adding 0.0 turns a negative zero into a positive one, so that both give one program.
+        known = [float(x) + 0.0 if whole or x in (0.0, 1.0, -1.0) else None for x in numbers]
+        rest = np.array([x for x, number in zip(numbers, known) if number is None])
+        cache[whole] = _Pattern(tuple(known), joint_kinds(screws)), rest
+    return cache[whole]
+
+
+def on_robot(function: Callable[..., Result]) -> Callable[..., Result]:
+    """Make `function(geometry, *arrays, **options)` a jitted `function(robot, *arrays, **options)`.
+
+    Options are static: they are given by keyword and hashable.
+    """
+
+    @functools.partial(jax.jit, static_argnums=(0, 1))
+    def concrete(
+        pattern: _Pattern, options: tuple[tuple[str, Any], ...], rest: jax.Array, *arrays: Any
+    ) -> Result:
+        return function(pattern.geometry(rest), *arrays, **dict(options))
+
+    @functools.partial(jax.jit, static_argnums=0)
+    def traced(options: tuple[tuple[str, Any], ...], robot: Robot, *arrays: Any) -> Result:
+        return function(geometry_of(robot), *arrays, **dict(options))
+
+    @functools.wraps(function)
+    def public(robot: Robot, *arrays: Any, **options: Any) -> Result:
+        if not isinstance(robot, Robot):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise TypeError(f"robot: expected a niryo_jax.Robot, got {type(robot).__name__}")
+        static = tuple(sorted(options.items()))
+        leaves = jax.tree.leaves(arrays)
+        if not is_concrete(robot.screws, robot.home) or robot.screws.ndim != 2:
+            return traced(static, robot, *arrays)
+        pattern, rest = _pattern_of(robot, whole=not is_concrete(*leaves))
+        return concrete(pattern, static, jnp.asarray(rest), *arrays)
+
+    return public
+
+

@@ -1,0 +1,207 @@
+"""Jacobians of open chains, by formula and by autodiff, and measures of how well an arm can move.
+
+Rows are (omega, v): a Jacobian maps joint rates to the twist of the tool
+(Lynch & Park, *Modern Robotics*, chapter 5).
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from niryo_jax import lanes
+from niryo_jax.chain import Motion, compose, link_motions, tool_motion
+from niryo_jax.geometry import Geometry, on_robot
+from niryo_jax.lanes import Lanes
+from niryo_jax.lanes.batching import on_lanes
+from niryo_jax.lie import se3
+from niryo_jax.robot import Robot
+
+Part = Literal["all", "angular", "linear"]
+
+
+def space_jacobian(robot: Robot, q: ArrayLike) -> jax.Array:
+    """The Jacobian of the tool's twist in the space frame.
+
+    Args:
+        robot: the arm.
+        q: (..., n) joint vector.
+
+    Returns:
+        (..., 6, n), column i = Ad(exp([S1] q1) ... exp([Si-1] qi-1)) Si (Lynch & Park, eq. 5.11).
+
+    Raises:
+        ValueError: q does not have n joints.
+    """
+    return _space_jacobian(robot, q)
+
+
+@on_robot
+def _space_jacobian(geometry: Geometry, q: ArrayLike) -> jax.Array:
+    return on_lanes(
+        lambda q: pose_and_jacobian(geometry, q, "space")[1], ("q", q, (geometry.joints,))
+    )
+
+
+def body_jacobian(robot: Robot, q: ArrayLike) -> jax.Array:
+    """The Jacobian of the tool's twist in the tool frame, Ad(T^-1) of the space Jacobian.
+
+    Args:
+        robot: the arm.
+        q: (..., n) joint vector.
+
+    Returns:
+        (..., 6, n) (Lynch & Park, eq. 5.18).
+
+    Raises:
+        ValueError: q does not have n joints.
+    """
+    return _body_jacobian(robot, q)
+
+
+@on_robot
+def _body_jacobian(geometry: Geometry, q: ArrayLike) -> jax.Array:
+    return on_lanes(
+        lambda q: pose_and_jacobian(geometry, q, "body")[1], ("q", q, (geometry.joints,))
+    )
+
+
+def autodiff_space_jacobian(robot: Robot, q: ArrayLike) -> jax.Array:
+    """The space Jacobian by differentiating forward kinematics: dT/dqi T^-1 = [J_i].
+
+    Args:
+        robot: the arm.
+        q: (..., n) joint vector.
+
+    Returns:
+        (..., 6, n), equal to `space_jacobian` up to rounding; an independent check on it.
+
+    Raises:
+        ValueError: q does not have n joints.
+    """
+    return _autodiff_space_jacobian(robot, q)
+
+
+@on_robot
+def _autodiff_space_jacobian(geometry: Geometry, q: ArrayLike) -> jax.Array:
+    n = geometry.joints
+
+    def pose(q: jax.Array) -> jax.Array:
+        return on_lanes(lambda q: se3.assemble(*tool_motion(geometry, q)), ("q", q, (n,)))
+
+    q = jnp.asarray(q)
+    value = pose(q)
+
+    def column(direction: jax.Array) -> jax.Array:
+        rate = jax.jvp(pose, (q,), (jnp.broadcast_to(direction, q.shape),))[1]
+        return se3.vee(jnp.matmul(rate, se3.inverse(value), precision="highest"))
+
+    return jnp.moveaxis(jax.vmap(column)(jnp.eye(n, dtype=value.dtype)), 0, -1)
+
+
+def pose_and_jacobian(
+    geometry: Geometry, q: Lanes, frame: Literal["space", "body"]
+) -> tuple[Motion, Lanes]:
+    """The pose of the tool and the (6, n) Jacobian in the frame asked for, on lanes."""
+    motions = link_motions(geometry, q)
+    tool = compose(motions[-1], se3.split(geometry.home))
+    columns = [geometry.screws[0]]
+    for screw, (rotation, position) in zip(geometry.screws[1:], motions):
+        w = rotation @ screw[:3]
+        columns.append(np.concatenate([w, rotation @ screw[3:] + lanes.cross(position, w)]))
+    if frame == "body":
+        rotation, position = tool
+        columns = [
+            np.concatenate(
+                [rotation.T @ c[:3], rotation.T @ (c[3:] - lanes.cross(position, c[:3]))]
+            )
+            for c in columns
+        ]
+    return tool, np.stack(columns, axis=1)
+
+
+def manipulability(robot: Robot, q: ArrayLike, part: Part = "all") -> jax.Array:
+    """Yoshikawa's measure sqrt(det(J J^T)): the volume of the manipulability ellipsoid, 0 where singular.
+
+    Args:
+        robot: the arm.
+        q: (..., n) joint vector.
+        part: which rows of the body Jacobian: "angular", "linear", or "all".
+
+    Returns:
+        (...,) in metres^3 for "all" and "linear"; no unit for "angular". Its derivative
+        at a singular configuration, where it has a corner, is given as 0.
+
+    Raises:
+        ValueError: q does not have n joints; an unknown part.
+    """
+    return _manipulability(robot, q, part=_check_part(part))
+
+
+@on_robot
+def _manipulability(geometry: Geometry, q: ArrayLike, part: Part) -> jax.Array:
+    def volume(q: Lanes) -> lanes.Lane:
+        jacobian = pose_and_jacobian(geometry, q, "body")[1][_ROWS[part]]
+        rows, columns = jacobian.shape
+        if columns < rows:
+            return lanes.Lane(0.0)
+        diagonal = np.diag(lanes.cholesky(jacobian @ jacobian.T))
+        inverse = lanes.Lane(1.0)
+        for reciprocal in diagonal:
+            inverse = inverse * reciprocal
+        regular = inverse > 0.0
+        return lanes.select(regular, 1.0 / lanes.select(regular, inverse, 1.0), 0.0)
+
+    return on_lanes(volume, ("q", q, (geometry.joints,)))
+
+
+def singular_values(
+    robot: Robot, q: ArrayLike, part: Part = "all", *, length: float = 1.0
+) -> jax.Array:
+    """The singular values of the body Jacobian, largest first: half axes of the ellipsoid.
+
+    Args:
+        robot: the arm.
+        q: (..., n) joint vector.
+        part: which rows: "angular", "linear", or "all".
+        length: metres by which linear rows are divided, so that "all" compares like with like;
+            the values depend on this choice of unit.
+
+    Returns:
+        (..., min(rows, n)).
+
+    Raises:
+        ValueError: q does not have n joints; an unknown part; a length that is not positive.
+    """
+    if not length > 0:
+        raise ValueError(f"length: expected a positive number of metres, got {length}")
+    jacobian = body_jacobian(robot, q)
+    scale = jnp.array([1.0] * 3 + [1.0 / length] * 3, jacobian.dtype)[:, None]
+    rows = (jacobian * scale)[..., _ROWS[_check_part(part)], :]
+    return jnp.linalg.svd(rows, compute_uv=False)
+
+
+def condition_number(
+    robot: Robot, q: ArrayLike, part: Part = "all", *, length: float = 1.0
+) -> jax.Array:
+    """The ratio of the largest to the smallest singular value of the body Jacobian; inf if singular.
+
+    Arguments, shapes and errors as `singular_values`; returns (...,).
+    """
+    values = singular_values(robot, q, part, length=length)
+    smallest = values[..., -1]
+    regular = smallest > 0
+    return jnp.where(regular, values[..., 0] / jnp.where(regular, smallest, 1.0), jnp.inf)
+
+
+_ROWS = {"all": slice(0, 6), "angular": slice(0, 3), "linear": slice(3, 6)}
+
+
+def _check_part(part: Part) -> Part:
+    if part not in _ROWS:
+        raise ValueError(f"part: expected one of {', '.join(_ROWS)}, got {part!r}")
+    return part

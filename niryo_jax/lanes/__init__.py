@@ -1,0 +1,64 @@
+"""Scalar-lane arithmetic: the one reason this package is fast.
+
+XLA runs a kinematic function fast when it is one fused elementwise loop over the batch, and slowly
+when it is thousands of small matrix products, gathers and concatenations. So every formula here is
+written on *lanes*: a `Lane` is one scalar of the formula, over the whole batch, or a number that
+is known while tracing. Sums with a known zero and products with a known zero or one are folded on
+the spot, so a robot whose axes are mostly zeros costs only what is left.
+
+A vector or a matrix of lanes is a numpy array of dtype object: `R @ p`, `a - b`, `J.T` read like
+the textbook, and numpy drives the arithmetic element by element while JAX traces.
+"""
+
+from niryo_jax.lanes.linalg import (
+    cholesky,
+    cholesky_solve,
+    cross,
+    hat,
+    identity,
+    norm,
+    outer,
+    solve_spd,
+    vee,
+)
+from niryo_jax.lanes.scalar import (
+    Lane,
+    Lanes,
+    as_lane,
+    lanes_of,
+    map_lanes,
+    maximum,
+    minimum,
+    pack,
+    select,
+    sqrt,
+    unpack,
+)
+from niryo_jax.lanes.trigonometry import acos, asin, atan2, sincos
+
+__all__ = [
+    "Lane",
+    "Lanes",
+    "acos",
+    "as_lane",
+    "asin",
+    "atan2",
+    "cholesky",
+    "cholesky_solve",
+    "cross",
+    "hat",
+    "identity",
+    "lanes_of",
+    "map_lanes",
+    "maximum",
+    "minimum",
+    "norm",
+    "outer",
+    "pack",
+    "select",
+    "sincos",
+    "solve_spd",
+    "sqrt",
+    "unpack",
+    "vee",
+]

@@ -1,0 +1,59 @@
+"""Between arrays and lanes: the edge where batch axes, shapes and types are dealt with once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from niryo_jax.lanes.scalar import Lane, Lanes, pack, unpack
+
+Edge = tuple[str, ArrayLike, tuple[int, ...]]
+"""An argument's name, its value and the shape of its last axes (-1: any length)."""
+
+
+def check_shape(name: str, array: jax.Array | np.ndarray, shape: tuple[int, ...]) -> None:
+    """Raise a ValueError that names the argument unless its last axes have this shape."""
+    last = array.shape[array.ndim - len(shape) :] if array.ndim >= len(shape) else None
+    if last is None or any(want not in (-1, have) for want, have in zip(shape, last)):
+        expected = ", ".join("n" if size == -1 else str(size) for size in shape)
+        raise ValueError(f"{name}: expected shape (..., {expected}), got {tuple(array.shape)}")
+
+
+def as_floating(name: str, value: ArrayLike) -> jax.Array:
+    """The value as a real floating-point array; raises a TypeError that names the argument."""
+    array = jnp.asarray(value)
+    if jnp.issubdtype(array.dtype, jnp.floating):
+        return array
+    if jnp.issubdtype(array.dtype, jnp.complexfloating) or array.dtype == jnp.bool_:
+        raise TypeError(f"{name}: expected real numbers, got dtype {array.dtype}")
+    return array.astype(float)
+
+
+def on_lanes(function: Callable[..., Any], *edges: Edge) -> Any:
+    """Call `function` with the lanes of each array and pack what it returns.
+
+    The batch axes of the arrays broadcast against each other and return in front of the results;
+    the dtype is that of the arrays. The function returns lanes, a lane, or a tuple of these.
+    """
+    arrays = [as_floating(name, value) for name, value, _ in edges]
+    for (name, _, shape), array in zip(edges, arrays):
+        check_shape(name, array, shape)
+    dtype = jnp.result_type(*arrays)
+    batch = jnp.broadcast_shapes(
+        *(array.shape[: array.ndim - len(shape)] for (_, _, shape), array in zip(edges, arrays))
+    )
+    lanes = [
+        unpack(array.astype(dtype), len(shape)) for (_, _, shape), array in zip(edges, arrays)
+    ]
+    result = function(*lanes)
+
+    def pack_one(value: Lane | Lanes) -> jax.Array:
+        lanes = value if isinstance(value, np.ndarray) else np.array(value, dtype=object)
+        return pack(lanes, batch, dtype)
+
+    return tuple(map(pack_one, result)) if isinstance(result, tuple) else pack_one(result)

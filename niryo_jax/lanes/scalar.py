@@ -1,0 +1,202 @@
+"""The lane: one scalar over the batch, with the arithmetic that folds known zeros and ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+Lanes = npt.NDArray[np.object_]
+"""An array of lanes: numpy, dtype object."""
+
+Condition = jax.Array | np.bool_ | bool
+
+
+def _elementwise(operation: Callable[[Lane, Lane], Lane]) -> Callable[[Lane, Any], Lane]:
+    """An operator of two lanes that leaves arrays of lanes to numpy, which calls it per element."""
+
+    def operator(self: Lane, other: Any) -> Lane:
+        return NotImplemented if isinstance(other, np.ndarray) else operation(self, as_lane(other))
+
+    return operator
+
+
+class Lane:
+    """One scalar over the batch: an array of the batch's shape, or a float known while tracing."""
+
+    __slots__ = ("value",)
+    value: jax.Array | float
+
+    def __init__(self, value: jax.Array | float) -> None:
+        self.value = value
+
+    @property
+    def known(self) -> bool:
+        """Whether this is a number that is known while tracing."""
+        return isinstance(self.value, float)
+
+    def is_known(self, number: float) -> bool:
+        """Whether this is known while tracing to be exactly `number`."""
+        return isinstance(self.value, float) and self.value == number
+
+    @_elementwise
+    def __add__(self, other: Lane) -> Lane:
+        if other.is_known(0.0):
+            return self
+        if self.is_known(0.0):
+            return other
+        return Lane(self.value + other.value)
+
+    @_elementwise
+    def __sub__(self, other: Lane) -> Lane:
+        if other.is_known(0.0):
+            return self
+        if self.is_known(0.0):
+            return -other
+        return Lane(self.value - other.value)
+
+    @_elementwise
+    def __mul__(self, other: Lane) -> Lane:
+        for one, rest in ((self, other), (other, self)):
+            if one.is_known(0.0):
+                return ZERO
+            if one.is_known(1.0):
+                return rest
+            if one.is_known(-1.0):
+                return -rest
+        return Lane(self.value * other.value)
+
+    @_elementwise
+    def __truediv__(self, other: Lane) -> Lane:
+        if self.is_known(0.0):
+            return ZERO
+        if other.is_known(1.0):
+            return self
+        return Lane(self.value / other.value)
+
+    def __neg__(self) -> Lane:
+        # A known zero stays +0.0, so that folding never makes a negative zero out of nothing.
+        return ZERO if self.is_known(0.0) else Lane(-self.value)
+
+    def __abs__(self) -> Lane:
+        return Lane(abs(self.value))
+
+    def __radd__(self, other: float) -> Lane:
+        return as_lane(other) + self
+
+    def __rsub__(self, other: float) -> Lane:
+        return as_lane(other) - self
+
+    def __rmul__(self, other: float) -> Lane:
+        return as_lane(other) * self
+
+    def __rtruediv__(self, other: float) -> Lane:
+        return as_lane(other) / self
+
+    def __lt__(self, other: Lane | float) -> Condition:
+        return self.value < as_lane(other).value
+
+    def __le__(self, other: Lane | float) -> Condition:
+        return self.value <= as_lane(other).value
+
+    def __gt__(self, other: Lane | float) -> Condition:
+        return self.value > as_lane(other).value
+
+    def __ge__(self, other: Lane | float) -> Condition:
+        return self.value >= as_lane(other).value
+
+    def __repr__(self) -> str:
+        return f"Lane({self.value})"
+
+
+ZERO = Lane(0.0)
+
+_SELECT_COLUMNS = 36
+
+
+def as_lane(value: Lane | jax.Array | float) -> Lane:
+    """A lane of a number, an array over the batch, or a lane."""
+    if isinstance(value, Lane):
+        return value
+    if isinstance(value, int | float | np.number):
+        return Lane(float(value))
+    return Lane(value)
+
+
+def lanes_of(values: Any) -> Lanes:
+    """A vector or matrix of lanes from (nested lists of) numbers and lanes."""
+    return map_lanes(as_lane, np.array(values, dtype=object))
+
+
+def map_lanes(function: Callable[[Any], Lane], lanes: Lanes) -> Lanes:
+    """`function` of every element, in the same shape."""
+    out = np.empty(lanes.shape, dtype=object)
+    for index in np.ndindex(lanes.shape):
+        out[index] = function(lanes[index])
+    return out
+
+
+def unpack(array: jax.Array | np.ndarray, axes: int = 1) -> Lanes:
+    """The lanes of an array's last `axes` axes; the axes before them are the batch.
+
+    A numpy array without batch axes is data known while tracing: its lanes are plain numbers.
+    """
+    batch = array.ndim - axes
+    out = np.empty(array.shape[batch:], dtype=object)
+    known = isinstance(array, np.ndarray) and batch == 0
+    for index in np.ndindex(out.shape):
+        element = array[(..., *index)]
+        out[index] = Lane(float(element)) if known else Lane(jnp.asarray(element))
+    return out
+
+
+def pack(lanes: Lanes, batch: tuple[int, ...], dtype: npt.DTypeLike) -> jax.Array:
+    """The array of shape `batch + lanes.shape` whose last axes are the lanes."""
+    if lanes.size > _SELECT_COLUMNS and lanes.ndim > 1:
+        return jnp.stack([pack(part, batch, dtype) for part in lanes], axis=len(batch))
+    # A chain of selects on the column number stays one fused loop, which XLA compiles several
+    # times faster than a concatenation and, up to some tens of columns, runs faster too.
+    shape = (*batch, lanes.size)
+    column = jax.lax.broadcasted_iota(jnp.int32, shape, len(batch))
+    out = jnp.zeros(shape, dtype)
+    for index, lane in enumerate(lanes.ravel()):
+        out = jnp.where(column == index, jnp.asarray(lane.value, dtype)[..., None], out)
+    return out.reshape(batch + lanes.shape)
+
+
+def select(condition: Condition, if_true: Lane | float, if_false: Lane | float) -> Lane:
+    """`if_true` where the condition holds, `if_false` elsewhere; folded when it is known."""
+    if isinstance(condition, bool | np.bool_):
+        return as_lane(if_true if condition else if_false)
+    return Lane(jnp.where(condition, as_lane(if_true).value, as_lane(if_false).value))
+
+
+def maximum(a: Lane | float, b: Lane | float) -> Lane:
+    """The larger of two lanes."""
+    a, b = as_lane(a), as_lane(b)
+    if a.known and b.known:
+        return Lane(max(float(a.value), float(b.value)))
+    return Lane(jnp.maximum(a.value, b.value))
+
+
+def minimum(a: Lane | float, b: Lane | float) -> Lane:
+    """The smaller of two lanes."""
+    return -maximum(-as_lane(a), -as_lane(b))
+
+
+def sqrt(x: Lane) -> Lane:
+    """The square root of the positive part: 0, with derivative 0, where x <= 0.
+
+    A caller for whom a negative radicand means "no solution" tests its sign; here it only must
+    not become NaN, neither in the value nor in the derivative of a branch not taken.
+    """
+    if x.known:
+        return Lane(math.sqrt(max(float(x.value), 0.0)))
+    positive = x.value > 0
+    root = jnp.sqrt(jnp.where(positive, x.value, 1.0))
+    return Lane(jnp.where(positive, root, 0.0))

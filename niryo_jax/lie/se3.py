@@ -1,0 +1,213 @@
+"""The group SE(3) of rigid motions; twists and screws are (omega, v).
+
+Every function takes any leading batch axes and follows the dtype of its input; lengths in metres,
+angles in radians. Formulas: Lynch & Park, *Modern Robotics*, section 3.3.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from niryo_jax import lanes
+from niryo_jax.lanes import Lane, Lanes
+from niryo_jax.lanes.batching import on_lanes
+from niryo_jax.lie import so3
+
+
+@jax.jit
+def hat(twist: ArrayLike) -> jax.Array:
+    """The matrix [V] of a twist: (..., 6) -> (..., 4, 4) (Lynch & Park, eq. 3.71)."""
+
+    def matrix(t: Lanes) -> Lanes:
+        return np.vstack([np.column_stack([lanes.hat(t[:3]), t[3:]]), _ROW * 0.0])
+
+    return on_lanes(matrix, ("twist", twist, (6,)))
+
+
+@jax.jit
+def vee(matrix: ArrayLike) -> jax.Array:
+    """The twist of a matrix of se(3), inverse of `hat`: (..., 4, 4) -> (..., 6)."""
+    return on_lanes(
+        lambda m: np.concatenate([lanes.vee(m[:3, :3]), m[:3, 3]]), ("matrix", matrix, (4, 4))
+    )
+
+
+@jax.jit
+def inverse(pose: ArrayLike) -> jax.Array:
+    """The inverse of a rigid motion: (..., 4, 4) -> (..., 4, 4) (Lynch & Park, eq. 3.64)."""
+    return on_lanes(lambda m: assemble(*inverse_lanes(*split(m))), ("pose", pose, (4, 4)))
+
+
+@jax.jit
+def exp(twist: ArrayLike) -> jax.Array:
+    """The motion along a twist for unit time: (..., 6) -> (..., 4, 4) (Lynch & Park, eq. 3.88)."""
+    return on_lanes(lambda t: assemble(*exp_lanes(t)), ("twist", twist, (6,)))
+
+
+@jax.jit
+def log(pose: ArrayLike) -> jax.Array:
+    """The twist with exp(twist) = pose and |omega| <= pi: (..., 4, 4) -> (..., 6) (eq. 3.91)."""
+    return on_lanes(lambda m: log_lanes(*split(m)), ("pose", pose, (4, 4)))
+
+
+@jax.jit
+def adjoint(pose: ArrayLike) -> jax.Array:
+    """Ad_T, which carries twists from frame b to frame a with T = T_ab: (..., 4, 4) -> (..., 6, 6).
+
+    [[R, 0], [[p] R, R]] (Lynch & Park, definition 3.20).
+    """
+
+    def matrix(m: Lanes) -> Lanes:
+        rotation, p = split(m)
+        return np.block([[rotation, 0.0 * rotation], [lanes.hat(p) @ rotation, rotation]])
+
+    return on_lanes(matrix, ("pose", pose, (4, 4)))
+
+
+@jax.jit
+def ad(twist: ArrayLike) -> jax.Array:
+    """The small adjoint, ad_V W = [V, W] the Lie bracket: (..., 6) -> (..., 6, 6) (eq. 8.38)."""
+
+    def matrix(t: Lanes) -> Lanes:
+        w, v = lanes.hat(t[:3]), lanes.hat(t[3:])
+        return np.block([[w, 0.0 * w], [v, w]])
+
+    return on_lanes(matrix, ("twist", twist, (6,)))
+
+
+@jax.jit
+def project(matrix: ArrayLike) -> tuple[jax.Array, jax.Array]:
+    """The rigid motion nearest to a matrix, and the distance: (..., 4, 4) -> (..., 4, 4), (...,).
+
+    The rotation block is projected by `so3.project`, the last row becomes (0, 0, 0, 1); the
+    distance is the Frobenius norm of what changed.
+    """
+
+    def nearest(m: Lanes) -> tuple[Lanes, Lane]:
+        rotation, distance = so3.project_lanes(m[:3, :3])
+        row = m[3] - _ROW
+        return assemble(rotation, m[:3, 3]), lanes.sqrt(distance * distance + row @ row)
+
+    motion, distance = on_lanes(nearest, ("matrix", matrix, (4, 4)))
+    return motion, distance
+
+
+class ScrewAxis(NamedTuple):
+    """A screw as a line with a pitch.
+
+    Attributes:
+        point: (..., 3) the point of the axis closest to the origin, metres; 0 for a translation.
+        direction: (..., 3) unit vector; 0 for the zero twist.
+        pitch: (...,) metres per radian; infinite for a translation.
+        magnitude: (...,) rate about the axis, rad/s; m/s for a translation.
+    """
+
+    point: jax.Array
+    direction: jax.Array
+    pitch: jax.Array
+    magnitude: jax.Array
+
+
+@jax.jit
+def screw_from_axis(
+    point: ArrayLike, direction: ArrayLike, pitch: ArrayLike = 0.0
+) -> jax.Array:
+    """The unit screw about a line: (..., 3), (..., 3), (...,) -> (..., 6) (Lynch & Park, eq. 3.81).
+
+    `direction` need not be of unit length, but must not be zero. An infinite pitch is the
+    translation along the direction. A negative pitch is a left-handed screw.
+    """
+
+    def screw(q: Lanes, s: Lanes, h: Lanes) -> Lanes:
+        axis = s * (1.0 / lanes.norm(s))
+        translation = Lane(jnp.isinf(h[0].value))
+        finite = lanes.select(translation.value, 0.0, h[0])
+        v = lanes.cross(q, axis) + finite * axis
+        return lanes.lanes_of(
+            [lanes.select(translation.value, 0.0, w) for w in axis]
+            + [lanes.select(translation.value, w, x) for w, x in zip(axis, v)]
+        )
+
+    return on_lanes(
+        screw,
+        ("point", point, (3,)),
+        ("direction", direction, (3,)),
+        ("pitch", jnp.asarray(pitch)[..., None], (1,)),
+    )
+
+
+@jax.jit
+def axis_of_screw(screw: ArrayLike) -> ScrewAxis:
+    """The line, pitch and magnitude of a screw or twist: (..., 6) -> `ScrewAxis` (eq. 3.82)."""
+
+    def axis(s: Lanes) -> tuple[Lanes, Lanes, Lane, Lane]:
+        w, v = s[:3], s[3:]
+        rate, speed = lanes.norm(w), lanes.norm(v)
+        turning = rate > 0.0
+        moving = speed > 0.0
+        square = lanes.select(turning, w @ w, 1.0)
+        scale = lanes.select(turning, rate, lanes.select(moving, speed, 1.0))
+        direction = [lanes.select(turning, a, b) / scale for a, b in zip(w, v)]
+        pitch = lanes.select(turning, (w @ v) / square, lanes.select(moving, jnp.inf, 0.0))
+        magnitude = lanes.select(turning, rate, speed)
+        return lanes.cross(w, v) * (1.0 / square), lanes.lanes_of(direction), pitch, magnitude
+
+    return ScrewAxis(*on_lanes(axis, ("screw", screw, (6,))))
+
+
+_ROW = lanes.lanes_of([0.0, 0.0, 0.0, 1.0])
+
+
+def split(pose: Lanes) -> tuple[Lanes, Lanes]:
+    """Rotation and position of a (4, 4) pose."""
+    return pose[:3, :3], pose[:3, 3]
+
+
+def assemble(rotation: Lanes, position: Lanes) -> Lanes:
+    """The (4, 4) pose of a rotation and a position."""
+    return np.vstack([np.column_stack([rotation, position]), _ROW])
+
+
+def inverse_lanes(rotation: Lanes, position: Lanes) -> tuple[Lanes, Lanes]:
+    """`inverse` on lanes."""
+    return rotation.T, -(rotation.T @ position)
+
+
+def exp_lanes(twist: Lanes) -> tuple[Lanes, Lanes]:
+    """`exp` on lanes, for any twist."""
+    w, v = twist[:3], twist[3:]
+    a, b, c = so3.exp_coefficients(w @ w)
+    wv = lanes.cross(w, v)
+    rotation = lanes.identity(3) + a * lanes.hat(w) + b * so3.hat_squared(w)
+    return rotation, v + b * wv + c * lanes.cross(w, wv)
+
+
+def log_lanes(rotation: Lanes, position: Lanes) -> Lanes:
+    """`log` on lanes."""
+    w, square, cotangent = so3.log_parts(rotation)
+    small = square < 0.25
+    x = lanes.select(small, square, 0.0)
+    series = Lane(_COTANGENT_SERIES[-1])
+    for coefficient in reversed(_COTANGENT_SERIES[:-1]):
+        series = coefficient + x * series
+    d = lanes.select(small, series, (1.0 - cotangent) / lanes.select(small, 1.0, square))
+    wp = lanes.cross(w, position)
+    return np.concatenate([w, position - 0.5 * wp + d * lanes.cross(w, wp)])
+
+
+# (1 - (t/2) cot(t/2)) / t^2 in powers of t^2: |B_2k| / (2k)!, the Bernoulli numbers.
+_COTANGENT_SERIES = (
+    1.0 / 12.0,
+    1.0 / 720.0,
+    1.0 / 30240.0,
+    1.0 / 1209600.0,
+    1.0 / 47900160.0,
+    691.0 / 1307674368000.0,
+    1.0 / 74724249600.0,
+    3617.0 / 10670622842880000.0,
+)

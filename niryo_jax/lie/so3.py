@@ -1,0 +1,273 @@
+"""The rotation group SO(3).
+
+Every function takes any leading batch axes and follows the dtype of its input. Exponential and
+logarithm are exact and differentiable everywhere, the identity and the half turn included
+(Lynch & Park, *Modern Robotics*, section 3.2.3).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from niryo_jax import lanes
+from niryo_jax.lanes import Lane, Lanes
+from niryo_jax.lanes.batching import on_lanes
+
+_JACOBI_SWEEPS = 6
+
+
+@jax.jit
+def hat(w: ArrayLike) -> jax.Array:
+    """The skew-symmetric matrix [w]: (..., 3) -> (..., 3, 3) (Lynch & Park, eq. 3.30)."""
+    return on_lanes(lanes.hat, ("w", w, (3,)))
+
+
+@jax.jit
+def vee(matrix: ArrayLike) -> jax.Array:
+    """The vector of the skew-symmetric part of a matrix, inverse of `hat`: (..., 3, 3) -> (..., 3)."""
+    return on_lanes(lanes.vee, ("matrix", matrix, (3, 3)))
+
+
+@jax.jit
+def inverse(rotation: ArrayLike) -> jax.Array:
+    """The inverse (transpose) of a rotation: (..., 3, 3) -> (..., 3, 3)."""
+    return on_lanes(np.transpose, ("rotation", rotation, (3, 3)))
+
+
+@jax.jit
+def exp(w: ArrayLike) -> jax.Array:
+    """The rotation by |w| radians about w: (..., 3) -> (..., 3, 3) (Rodrigues; Lynch & Park, eq. 3.51)."""
+    return on_lanes(exp_lanes, ("w", w, (3,)))
+
+
+@jax.jit
+def log(rotation: ArrayLike) -> jax.Array:
+    """The rotation vector w with exp(w) = rotation and |w| <= pi: (..., 3, 3) -> (..., 3), radians.
+
+    Computed through the unit quaternion, so that it keeps full accuracy from the identity up to
+    the half turn, where w and -w are the same rotation and one of them is returned.
+    The input is taken to be a rotation; see `project` where it may not be one.
+    """
+    return on_lanes(log_lanes, ("rotation", rotation, (3, 3)))
+
+
+@jax.jit
+def project(matrix: ArrayLike) -> tuple[jax.Array, jax.Array]:
+    """The rotation nearest to a matrix, and the distance to it: (..., 3, 3) -> (..., 3, 3), (...,).
+
+    Nearest in the Frobenius norm, for every matrix, of negative determinant too: U diag(1, 1,
+    det U V^T) V^T of the singular value decomposition (Kabsch). Where the nearest rotation is not
+    unique, one of them. The derivative is that of the polar factor; 0 where it does not exist.
+    """
+    rotation, distance = on_lanes(project_lanes, ("matrix", matrix, (3, 3)))
+    return rotation, distance
+
+
+class ExpCoefficients(NamedTuple):
+    """sin(t)/t, (1 - cos(t))/t^2 and (t - sin(t))/t^3 as functions of t^2."""
+
+    sine: Lane
+    cosine: Lane
+    cubic: Lane
+
+
+def exp_coefficients(square: Lane) -> ExpCoefficients:
+    """The three coefficients of the exponentials, analytic in t^2, from a series below t = 1."""
+    small = square < 1.0
+    x = lanes.select(small, square, 0.0)
+    series = [_series(x, k) for k in (1, 2, 3)]
+    large = lanes.select(small, 1.0, square)
+    angle = lanes.sqrt(large)
+    sin, cos = lanes.sincos(angle)
+    sine = sin / angle
+    closed = (sine, (1.0 - cos) / large, (1.0 - sine) / large)
+    return ExpCoefficients(*(lanes.select(small, s, c) for s, c in zip(series, closed)))
+
+
+def _series(x: Lane, k: int) -> Lane:
+    """Sum of (-x)^i / (2 i + k)! for 0 <= x <= 1, to the accuracy of float64."""
+    terms = 9
+    value = Lane(1.0)
+    for i in reversed(range(1, terms)):
+        value = 1.0 - x * value * (1.0 / ((2 * i + k - 1) * (2 * i + k)))
+    return value * (1.0, 0.5, 1.0 / 6.0)[k - 1]
+
+
+def exp_lanes(w: Lanes) -> Lanes:
+    """`exp` on lanes."""
+    a, b, _ = exp_coefficients(w @ w)
+    return lanes.identity(3) + a * lanes.hat(w) + b * hat_squared(w)
+
+
+def hat_squared(w: Lanes) -> Lanes:
+    """[w]^2 = w w^T - |w|^2 I."""
+    return lanes.outer(w, w) - (w @ w) * lanes.identity(3)
+
+
+def rotation_about(axis: Lanes, sin: Lane, cos: Lane) -> Lanes:
+    """The rotation about a unit axis, from the sine and cosine of its angle.
+
+    cos I + sin [w] + (1 - cos) w w^T; along a known unit axis the entries fold to 1, cos and sin.
+    """
+    rest = 1.0 - cos
+    out = lanes.outer(axis, axis) * rest + sin * lanes.hat(axis)
+    for i in range(3):
+        square = axis[i] * axis[i]
+        out[i, i] = Lane(1.0) if square.is_known(1.0) else cos + square * rest
+    return out
+
+
+def quaternion_lanes(rotation: Lanes) -> tuple[Lane, Lanes]:
+    """The unit quaternion (scalar >= 0, vector) of a rotation (Shepperd's method).
+
+    The largest of the four components is found first and divides the others, so no accuracy is
+    lost anywhere and no square root is taken near zero.
+    """
+    r = rotation
+    diagonal = (r[0, 0], r[1, 1], r[2, 2])
+    squares = [1.0 + diagonal[0] + diagonal[1] + diagonal[2]]
+    squares += [1.0 + 2.0 * d - (diagonal[0] + diagonal[1] + diagonal[2]) for d in diagonal]
+    skew = [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]
+    xy, xz, yz = r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[1, 2] + r[2, 1]
+    candidates = (
+        (squares[0], *skew),
+        (skew[0], squares[1], xy, xz),
+        (skew[1], xy, squares[2], yz),
+        (skew[2], xz, yz, squares[3]),
+    )
+    best, chosen = squares[0], list(candidates[0])
+    for square, candidate in zip(squares[1:], candidates[1:]):
+        better = square > best
+        best = lanes.select(better, square, best)
+        chosen = [lanes.select(better, new, old) for new, old in zip(candidate, chosen)]
+    scale = 0.5 / lanes.sqrt(best)
+    scale = lanes.select(chosen[0] < 0.0, -scale, scale)
+    return chosen[0] * scale, lanes.lanes_of([value * scale for value in chosen[1:]])
+
+
+class LogLanes(NamedTuple):
+    """A rotation vector, its angle squared, and the half-angle cotangent's factor of SE(3)'s log."""
+
+    vector: Lanes
+    square: Lane
+    cotangent: Lane
+
+
+def log_parts(rotation: Lanes) -> LogLanes:
+    """`log` on lanes, with (t/2) cot(t/2) = t w / (2 |v|) of the quaternion (w, v)."""
+    scalar, vector = quaternion_lanes(rotation)
+    square = vector @ vector
+    small = square < 0.01
+    # angle / |v| = 2 atan(|v| / w) / |v|: a series in (|v| / w)^2 where |v| is small.
+    w = lanes.select(small, scalar, 1.0)
+    x = lanes.select(small, square, 0.0) / (w * w)
+    series = Lane(1.0 / 17.0)
+    for k in (15, 13, 11, 9, 7, 5, 3, 1):
+        series = 1.0 / k - x * series
+    length = lanes.sqrt(lanes.select(small, 1.0, square))
+    factor = lanes.select(small, 2.0 * series / w, 2.0 * lanes.atan2(length, scalar) / length)
+    return LogLanes(factor * vector, factor * factor * square, 0.5 * factor * scalar)
+
+
+def log_lanes(rotation: Lanes) -> Lanes:
+    """`log` on lanes."""
+    return log_parts(rotation).vector
+
+
+def project_lanes(matrix: Lanes) -> tuple[Lanes, Lane]:
+    """`project` on lanes."""
+    rotation = _nearest_rotation(matrix)
+    difference = matrix - rotation
+    return rotation, lanes.norm(difference.ravel())
+
+
+def _nearest_rotation(matrix: Lanes) -> Lanes:
+    shape = np.broadcast_shapes(*(np.shape(lane.value) for lane in matrix.ravel()))
+    dtype = jnp.result_type(*(lane.value for lane in matrix.ravel()))
+    return lanes.unpack(_polar(lanes.pack(matrix, shape, dtype)), 2)
+
+
+@jax.custom_jvp
+def _polar(matrix: jax.Array) -> jax.Array:
+    """The nearest rotation, by one-sided Jacobi rotations on the columns of the matrix."""
+    batch, dtype = matrix.shape[:-2], matrix.dtype
+    # A common scale leaves the answer alone and keeps the squares below from overflowing.
+    largest = jnp.max(jnp.abs(matrix), axis=(-2, -1), keepdims=True)
+    columns = matrix / jnp.where(largest > 0, largest, 1.0)
+    basis = jnp.broadcast_to(jnp.eye(3, dtype=dtype), matrix.shape)
+
+    def sweep(_: int, state: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        a, v = (lanes.unpack(array, 2) for array in state)
+        for p, q in ((0, 1), (0, 2), (1, 2)):
+            cos, sin = _orthogonalising_rotation(a[:, p], a[:, q])
+            for m in (a, v):
+                m[:, p], m[:, q] = cos * m[:, p] - sin * m[:, q], sin * m[:, p] + cos * m[:, q]
+        return lanes.pack(a, batch, dtype), lanes.pack(v, batch, dtype)
+
+    columns, basis = jax.lax.fori_loop(0, _JACOBI_SWEEPS, sweep, (columns, basis))
+    a, v = lanes.unpack(columns, 2), lanes.unpack(basis, 2)
+    # Longest column first, shortest last; a swap changes a sign so that the basis stays a rotation.
+    for p, q in ((0, 1), (1, 2), (0, 1)):
+        shorter = a[:, p] @ a[:, p] < a[:, q] @ a[:, q]
+        for m in (a, v):
+            first, second = m[:, p].copy(), m[:, q].copy()
+            for i in range(3):
+                m[i, p] = lanes.select(shorter, second[i], first[i])
+                m[i, q] = lanes.select(shorter, -first[i], second[i])
+    x = _unit(a[:, 0], lanes.lanes_of([1.0, 0.0, 0.0]))
+    y = _unit(a[:, 1] - (x @ a[:, 1]) * x, _perpendicular(x))
+    left = np.stack([x, y, lanes.cross(x, y)], axis=1)
+    return lanes.pack(left @ v.T, batch, dtype)
+
+
+@_polar.defjvp
+def _polar_jvp(
+    primals: tuple[jax.Array], tangents: tuple[jax.Array]
+) -> tuple[jax.Array, jax.Array]:
+    # R^T dR = [w] with (tr(S) I - S) w = vee(R^T dM - (R^T dM)^T), S = R^T M symmetric.
+    rotation = _polar(primals[0])
+    batch, dtype = rotation.shape[:-2], rotation.dtype
+    r, m, dm = (lanes.unpack(array, 2) for array in (rotation, primals[0], tangents[0]))
+    s = r.T @ m
+    b = (s[0, 0] + s[1, 1] + s[2, 2]) * lanes.identity(3) - s
+    x = 2.0 * lanes.vee(r.T @ dm)
+    adjugate = np.stack([lanes.cross(b[1], b[2]), lanes.cross(b[2], b[0]), lanes.cross(b[0], b[1])])
+    det = b[0] @ adjugate[0]
+    unique = abs(det) > 0.0
+    w = (adjugate.T @ x) * lanes.select(unique, 1.0 / lanes.select(unique, det, 1.0), 0.0)
+    return rotation, lanes.pack(r @ lanes.hat(w), batch, dtype)
+
+
+def _orthogonalising_rotation(a: Lanes, b: Lanes) -> tuple[Lane, Lane]:
+    """(cos, sin) of the plane rotation that makes two columns orthogonal (Golub & Van Loan, 8.6)."""
+    inner = a @ b
+    apart = abs(inner) > 0.0
+    ratio = (b @ b - a @ a) / (2.0 * lanes.select(apart, inner, 1.0))
+    tangent = 1.0 / (abs(ratio) + lanes.sqrt(1.0 + ratio * ratio))
+    tangent = lanes.select(ratio < 0.0, -tangent, tangent)
+    tangent = lanes.select(apart, tangent, 0.0)
+    cos = 1.0 / lanes.sqrt(1.0 + tangent * tangent)
+    return cos, cos * tangent
+
+
+def _unit(vector: Lanes, otherwise: Lanes) -> Lanes:
+    length = lanes.norm(vector)
+    usable = length > 0.0
+    scale = 1.0 / lanes.select(usable, length, 1.0)
+    return lanes.lanes_of(
+        [lanes.select(usable, a * scale, b) for a, b in zip(vector, otherwise)]
+    )
+
+
+def _perpendicular(unit: Lanes) -> Lanes:
+    """A unit vector at right angles to a unit vector."""
+    x, y, z = unit
+    flat = abs(z) > 0.9
+    zero = Lane(0.0)
+    a, b, c = lanes.select(flat, z, -y), lanes.select(flat, zero, x), lanes.select(flat, -x, zero)
+    return _unit(lanes.lanes_of([a, b, c]), lanes.lanes_of([1.0, 0.0, 0.0]))

@@ -1,0 +1,241 @@
+"""The `Robot`: an open chain as screw axes, home pose and limits."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from niryo_jax.tolerances import MOTION, SCREW_NORM
+
+Array = jax.Array | np.ndarray
+
+
+def _as_leaf(value: ArrayLike) -> Array:
+    """Concrete numbers become read-only float64 numpy, so no precision is lost without x64."""
+    if isinstance(value, jax.Array):
+        return value
+    array = np.array(value, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+def is_concrete(*values: object) -> bool:
+    """Whether every value is known now, rather than traced by a JAX transformation."""
+    return not any(isinstance(value, jax.core.Tracer) for value in values)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Robot:
+    """An open chain of revolute, prismatic or helical joints.
+
+    Attributes:
+        screws: (n, 6) screw axes (omega, v) in the space frame at the home configuration;
+            |omega| = 1, or omega = 0 and |v| = 1 for a prismatic joint. Metres, radians.
+        home: (4, 4) pose of the tool frame in the space frame at q = 0.
+        lower, upper: (n,) joint limits, radians (metres for prismatic joints).
+        joint_names, name: labels; static.
+
+    The four arrays are pytree leaves, so they can be traced, batched and differentiated:
+    `dataclasses.replace(robot, screws=...)` accepts traced arrays.
+    """
+
+    screws: Array
+    home: Array
+    lower: Array
+    upper: Array
+    joint_names: tuple[str, ...] = dataclasses.field(default=(), metadata={"static": True})
+    name: str = dataclasses.field(default="robot", metadata={"static": True})
+
+    @property
+    def joints(self) -> int:
+        """The number of joints n."""
+        return self.screws.shape[-2]
+
+    @property
+    def body_screws(self) -> Array:
+        """(n, 6) the same screws in the tool frame at home, B = Ad_{M^-1} S (Lynch & Park, 4.1.3)."""
+        xp = np if is_concrete(self.screws, self.home) else jnp
+        rotation, position = self.home[:3, :3], self.home[:3, 3]
+        w, v = self.screws[:, :3], self.screws[:, 3:]
+        return xp.concatenate([w @ rotation, (v - xp.cross(position, w)) @ rotation], axis=1)
+
+    @classmethod
+    def from_body_screws(
+        cls,
+        screws: ArrayLike,
+        home: ArrayLike,
+        *,
+        lower: ArrayLike | None = None,
+        upper: ArrayLike | None = None,
+        joint_names: Sequence[str] | None = None,
+        name: str = "robot",
+    ) -> Robot:
+        """Build a robot from screws in the tool frame: T = M exp([B1] q1) ... exp([Bn] qn).
+
+        Args:
+            screws: (n, 6) rows (omega, v), tool frame at home (Lynch & Park, eq. 4.16).
+            home, lower, upper, joint_names, name: as in `from_screws`.
+
+        Raises:
+            ValueError: as `from_screws`.
+        """
+        screws, home = _as_leaf(screws), _as_leaf(home)
+        if screws.ndim != 2 or screws.shape[1] != 6:
+            raise ValueError(f"screws: expected shape (n, 6), got {screws.shape}")
+        if home.shape != (4, 4):
+            raise ValueError(f"home: expected shape (4, 4), got {home.shape}")
+        xp = np if is_concrete(screws, home) else jnp
+        w, v = screws[:, :3] @ home[:3, :3].T, screws[:, 3:] @ home[:3, :3].T
+        space = xp.concatenate([w, v + xp.cross(home[:3, 3], w)], axis=1)
+        return cls.from_screws(
+            space, home, lower=lower, upper=upper, joint_names=joint_names, name=name
+        )
+
+    @classmethod
+    def from_screws(
+        cls,
+        screws: ArrayLike,
+        home: ArrayLike,
+        *,
+        lower: ArrayLike | None = None,
+        upper: ArrayLike | None = None,
+        joint_names: Sequence[str] | None = None,
+        name: str = "robot",
+    ) -> Robot:
+        """Build a robot from space-frame screws and its home pose.
+
+        Args:
+            screws: (n, 6) rows (omega, v), space frame.
+            home: (4, 4) tool pose at q = 0.
+            lower, upper: (n,) limits; unlimited where not given.
+            joint_names: n labels; "joint_1"... where not given.
+            name: label of the robot.
+
+        Raises:
+            ValueError: wrong shapes, numbers that are not finite, screws that are not unit screws,
+                a home pose that is not a rigid motion, limits in the wrong order, a wrong number
+                of names. Traced arrays are not checked.
+        """
+        screws, home = _as_leaf(screws), _as_leaf(home)
+        if screws.ndim < 2 or screws.shape[-1] != 6 or screws.shape[-2] == 0:
+            raise ValueError(f"screws: expected shape (n, 6) with n >= 1, got {screws.shape}")
+        if home.shape[-2:] != (4, 4):
+            raise ValueError(f"home: expected shape (4, 4), got {home.shape}")
+        joints = screws.shape[-2]
+        low = _as_leaf(np.full(joints, -np.inf) if lower is None else lower)
+        high = _as_leaf(np.full(joints, np.inf) if upper is None else upper)
+        names = tuple(joint_names or (f"joint_{i + 1}" for i in range(joints)))
+        for label, limit in (("lower", low), ("upper", high)):
+            if limit.shape[-1:] != (joints,):
+                raise ValueError(f"{label}: expected shape ({joints},), got {limit.shape}")
+        if len(names) != joints:
+            raise ValueError(f"joint_names: expected {joints} names, got {len(names)}")
+        if is_concrete(screws, home, low, high):
+            _check_geometry(np.asarray(screws), np.asarray(home))
+            if not np.all(np.asarray(low) <= np.asarray(high)):
+                raise ValueError(f"lower must not exceed upper, got lower={low}, upper={high}")
+        return cls(screws, home, low, high, names, name)
+
+    @classmethod
+    def from_axes(
+        cls,
+        axes: ArrayLike,
+        points: ArrayLike,
+        home: ArrayLike,
+        *,
+        prismatic: Sequence[bool] | None = None,
+        lower: ArrayLike | None = None,
+        upper: ArrayLike | None = None,
+        joint_names: Sequence[str] | None = None,
+        name: str = "robot",
+    ) -> Robot:
+        """Build a robot from the direction of each joint axis and a point on it.
+
+        Args:
+            axes: (n, 3) directions, of any length but zero, space frame.
+            points: (n, 3) a point on each axis, metres; ignored for prismatic joints.
+            home: (4, 4) tool pose at q = 0.
+            prismatic: n flags, True for a prismatic joint; all revolute where not given.
+            lower, upper, joint_names, name: as in `from_screws`.
+
+        Raises:
+            ValueError: wrong shapes, a zero axis, and all that `from_screws` refuses.
+        """
+        axes, points = _as_leaf(axes), _as_leaf(points)
+        if axes.ndim != 2 or axes.shape[1] != 3:
+            raise ValueError(f"axes: expected shape (n, 3), got {axes.shape}")
+        if points.shape != axes.shape:
+            raise ValueError(f"points: expected shape {axes.shape}, got {points.shape}")
+        slides = np.zeros(len(axes), bool) if prismatic is None else np.array(prismatic, bool)
+        if slides.shape != (len(axes),):
+            raise ValueError(f"prismatic: expected {len(axes)} flags, got shape {slides.shape}")
+        if is_concrete(axes) and not np.all(np.linalg.norm(np.asarray(axes), axis=1) > 0):
+            raise ValueError(f"axes: expected non-zero finite directions, got {axes}")
+        xp = np if is_concrete(axes, points) else jnp
+        unit = axes / xp.linalg.norm(axes, axis=1, keepdims=True)
+        screws = xp.where(
+            slides[:, None],
+            xp.concatenate([0 * unit, unit], axis=1),
+            xp.concatenate([unit, xp.cross(points, unit)], axis=1),
+        )
+        return cls.from_screws(
+            screws, home, lower=lower, upper=upper, joint_names=joint_names, name=name
+        )
+
+    def with_tool(self, tool: ArrayLike) -> Robot:
+        """The same arm with its tool frame moved by a pose in the present one: home @ tool.
+
+        Args:
+            tool: (4, 4) pose of the new tool frame in the present tool frame, metres.
+
+        Raises:
+            ValueError: wrong shape, or not a rigid motion.
+        """
+        tool = _as_leaf(tool)
+        if tool.shape[-2:] != (4, 4):
+            raise ValueError(f"tool: expected shape (4, 4), got {tool.shape}")
+        if is_concrete(tool):
+            check_motion("tool", np.asarray(tool))
+        return dataclasses.replace(self, home=self.home @ tool)
+
+    def describe(self) -> str:
+        """The arm in words: joints, limits, home pose, and how the axes lie to each other."""
+        from niryo_jax.structure import describe
+
+        return describe(self)
+
+
+def _check_geometry(screws: np.ndarray, home: np.ndarray) -> None:
+    if not np.all(np.isfinite(screws)):
+        raise ValueError(f"screws: expected finite numbers, got {screws}")
+    omega = np.linalg.norm(screws[..., :3], axis=-1)
+    linear = np.linalg.norm(screws[..., 3:], axis=-1)
+    unit = np.where(omega == 0, linear, omega)
+    if np.any(np.abs(unit - 1) > SCREW_NORM):
+        raise ValueError(
+            "screws: expected |omega| = 1, or omega = 0 and |v| = 1 (prismatic); "
+            f"got |omega| = {omega}, |v| = {linear}"
+        )
+    check_motion("home", home)
+
+
+def check_motion(name: str, pose: np.ndarray) -> None:
+    """Raise a ValueError that names the argument unless `pose` is a rigid motion."""
+    rotation = pose[..., :3, :3]
+    identity = rotation @ np.swapaxes(rotation, -1, -2)
+    right = (
+        np.all(np.isfinite(pose))
+        and np.all(np.abs(identity - np.eye(3)) < MOTION)
+        and np.all(np.linalg.det(rotation) > 0)
+        and np.all(pose[..., 3, :] == np.array([0.0, 0.0, 0.0, 1.0]))
+    )
+    if not right:
+        raise ValueError(
+            f"{name}: expected a rigid motion [[R, p], [0, 0, 0, 1]] with R a rotation, got\n{pose}"
+        )
