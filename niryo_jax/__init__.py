@@ -1,6 +1,6 @@
 """Batched, differentiable kinematics in JAX for the Niryo One and for open chains in general."""
 
-from niryo_jax import robots
+from niryo_jax import robots, subproblems
 from niryo_jax.chain import forward_kinematics, link_poses
 from niryo_jax.jacobian import (
     autodiff_space_jacobian,
@@ -26,4 +26,5 @@ __all__ = [
     "singular_values",
     "so3",
     "space_jacobian",
+    "subproblems",
 ]

@@ -1,5 +1,24 @@
 """Every tolerance of the package, in one place, named by its reason."""
 
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+
+class ByDtype(NamedTuple):
+    """A tolerance in each floating-point type."""
+
+    float64: float
+    float32: float
+
+    def of(self, dtype: npt.DTypeLike) -> float:
+        """The value for a dtype (that of float32 for anything narrower)."""
+        return self.float64 if np.dtype(dtype) == np.float64 else self.float32
+
+
 SCREW_NORM = 1e-9
 """How far a screw axis given as data may be from unit length."""
 
@@ -8,3 +27,16 @@ PITCH = 1e-12
 
 MOTION = 1e-6
 """How far R R^T of a home or tool pose given as data may be from the identity, per entry."""
+
+AXES_PARALLEL = 1e-9
+"""Two axes are parallel where the sine of their angle is below this."""
+
+AXES_MEET = 1e-9
+"""Two axes meet where their distance (metres) is below this."""
+
+SUBPROBLEM_RESIDUAL = ByDtype(1e-9, 1e-4)
+"""A subproblem's answer is a solution where it misses by less than this share of its lengths."""
+
+SUBPROBLEM_COINCIDENCE = ByDtype(2e-14, 1e-5)
+"""Lengths below this share of a subproblem's lengths are rounding: points on an axis, circles that
+touch, axes that coincide."""

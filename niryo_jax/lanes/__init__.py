@@ -22,6 +22,7 @@ from niryo_jax.lanes.linalg import (
     vee,
 )
 from niryo_jax.lanes.scalar import (
+    Condition,
     Lane,
     Lanes,
     as_lane,
@@ -37,6 +38,7 @@ from niryo_jax.lanes.scalar import (
 from niryo_jax.lanes.trigonometry import acos, asin, atan2, sincos
 
 __all__ = [
+    "Condition",
     "Lane",
     "Lanes",
     "acos",

@@ -14,7 +14,8 @@ import numpy.typing as npt
 Lanes = npt.NDArray[np.object_]
 """An array of lanes: numpy, dtype object."""
 
-Condition = jax.Array | np.bool_ | bool
+Condition = jax.Array | np.bool_
+"""A truth over the batch, or one that is known while tracing."""
 
 
 def _elementwise(operation: Callable[[Lane, Lane], Lane]) -> Callable[[Lane, Any], Lane]:
@@ -99,22 +100,28 @@ class Lane:
         return as_lane(other) / self
 
     def __lt__(self, other: Lane | float) -> Condition:
-        return self.value < as_lane(other).value
+        return _condition(self.value < as_lane(other).value)
 
     def __le__(self, other: Lane | float) -> Condition:
-        return self.value <= as_lane(other).value
+        return _condition(self.value <= as_lane(other).value)
 
     def __gt__(self, other: Lane | float) -> Condition:
-        return self.value > as_lane(other).value
+        return _condition(self.value > as_lane(other).value)
 
     def __ge__(self, other: Lane | float) -> Condition:
-        return self.value >= as_lane(other).value
+        return _condition(self.value >= as_lane(other).value)
 
     def __repr__(self) -> str:
         return f"Lane({self.value})"
 
 
 ZERO = Lane(0.0)
+
+
+def _condition(value: Any) -> Condition:
+    # A plain bool would turn into an integer under the operator ~.
+    return np.bool_(value) if isinstance(value, bool) else value
+
 
 _SELECT_COLUMNS = 36
 
@@ -171,7 +178,7 @@ def pack(lanes: Lanes, batch: tuple[int, ...], dtype: npt.DTypeLike) -> jax.Arra
 
 def select(condition: Condition, if_true: Lane | float, if_false: Lane | float) -> Lane:
     """`if_true` where the condition holds, `if_false` elsewhere; folded when it is known."""
-    if isinstance(condition, bool | np.bool_):
+    if isinstance(condition, np.bool_):
         return as_lane(if_true if condition else if_false)
     return Lane(jnp.where(condition, as_lane(if_true).value, as_lane(if_false).value))
 

@@ -1,0 +1,167 @@
+"""The kinematic structure of a concrete robot: how its axes lie to each other.
+
+Found once, in numpy, from the numbers of the robot; the solver that fits is chosen from it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from enum import Enum
+
+import numpy as np
+
+from niryo_jax.geometry import joint_kinds
+from niryo_jax.robot import Robot, is_concrete
+from niryo_jax.tolerances import AXES_MEET, AXES_PARALLEL
+
+
+class AxisRelation(Enum):
+    """How two joint axes lie to each other."""
+
+    COINCIDENT = "coincide"
+    PARALLEL = "are parallel"
+    INTERSECTING = "meet"
+    SKEW = "miss each other"
+
+
+def axis_point(screw: np.ndarray) -> np.ndarray:
+    """The point of a rotation axis closest to the origin, omega x v (|omega| = 1)."""
+    return np.cross(screw[:3], screw[3:])
+
+
+def distance_between(first: np.ndarray, second: np.ndarray) -> float:
+    """The shortest distance between two rotation axes, metres."""
+    between = axis_point(second) - axis_point(first)
+    normal = np.cross(first[:3], second[:3])
+    length = np.linalg.norm(normal)
+    if length < AXES_PARALLEL:
+        return float(np.linalg.norm(np.cross(first[:3], between)))
+    return float(abs(between @ normal) / length)
+
+
+def relation(first: np.ndarray, second: np.ndarray) -> AxisRelation:
+    """How two rotation axes, given as screws, lie to each other."""
+    parallel = np.linalg.norm(np.cross(first[:3], second[:3])) < AXES_PARALLEL
+    touching = distance_between(first, second) < AXES_MEET
+    if parallel:
+        return AxisRelation.COINCIDENT if touching else AxisRelation.PARALLEL
+    return AxisRelation.INTERSECTING if touching else AxisRelation.SKEW
+
+
+def meeting_point(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """The midpoint of the shortest segment between two rotation axes that are not parallel.
+
+    With r = r_i + xi_i w_i on axis i, [w1 -w2] xi = r2 - r1. (Todorovic et al., eq. 20, print
+    r1 - r2, which gives the mirror image of the point.)
+    """
+    r1, r2 = axis_point(first), axis_point(second)
+    system = np.stack([first[:3], -second[:3]], axis=1)
+    xi = np.linalg.lstsq(system, r2 - r1, rcond=None)[0]
+    return 0.5 * (r1 + xi[0] * first[:3] + r2 + xi[1] * second[:3])
+
+
+@dataclasses.dataclass(frozen=True)
+class OffsetWristArm:
+    """A six-axis arm whose axes 1 and 2 meet, 2 and 3 are parallel, 4 and 5 meet.
+
+    Attributes:
+        shoulder: (3,) where axes 1 and 2 meet, at q = 0, metres.
+        wrist: (3,) where axes 4 and 5 meet, at q = 0.
+        offset: (3,) from axis 6 to the wrist at right angles to the axis: the wrist is spherical
+            where it is zero.
+        upper_arm, forearm: distances from axis 3 to the shoulder and to the wrist, in the plane
+            at right angles to axis 3.
+    """
+
+    shoulder: np.ndarray
+    wrist: np.ndarray
+    offset: np.ndarray
+    upper_arm: float
+    forearm: float
+
+    @property
+    def reach(self) -> float:
+        """The farthest that the wrist can be from the shoulder in the plane of the arm, metres."""
+        return self.upper_arm + self.forearm
+
+
+def offset_wrist_arm(robot: Robot) -> OffsetWristArm | None:
+    """The arm's structure if it belongs to the family of the Niryo arms, else None.
+
+    Raises:
+        TypeError: the robot is traced, so that its structure is not known.
+    """
+    screws = _concrete_screws(robot)
+    if len(screws) != 6 or set(joint_kinds(screws)) != {"revolute"}:
+        return None
+    wanted = {
+        (0, 1): AxisRelation.INTERSECTING,
+        (1, 2): AxisRelation.PARALLEL,
+        (3, 4): AxisRelation.INTERSECTING,
+    }
+    if any(relation(screws[i], screws[j]) is not want for (i, j), want in wanted.items()):
+        return None
+    if relation(screws[4], screws[5]) in (AxisRelation.PARALLEL, AxisRelation.COINCIDENT):
+        return None
+    shoulder, wrist = meeting_point(screws[0], screws[1]), meeting_point(screws[3], screws[4])
+    axis_3, axis_6 = screws[2], screws[5]
+
+    def from_axis(screw: np.ndarray, point: np.ndarray) -> np.ndarray:
+        away = point - axis_point(screw)
+        return away - (away @ screw[:3]) * screw[:3]
+
+    return OffsetWristArm(
+        shoulder=shoulder,
+        wrist=wrist,
+        offset=from_axis(axis_6, wrist),
+        upper_arm=float(np.linalg.norm(from_axis(axis_3, shoulder))),
+        forearm=float(np.linalg.norm(from_axis(axis_3, wrist))),
+    )
+
+
+def describe(robot: Robot) -> str:
+    """The arm in words: joints, limits, home pose, and how neighbouring axes lie to each other.
+
+    Raises:
+        TypeError: the robot is traced.
+    """
+    screws = _concrete_screws(robot)
+    kinds = joint_kinds(screws)
+    lines = [f"{robot.name}: {robot.joints} joints"]
+    for name, kind, screw, low, high in zip(
+        robot.joint_names, kinds, screws, np.asarray(robot.lower), np.asarray(robot.upper)
+    ):
+        unit, scale = ("m", 1.0) if kind == "prismatic" else ("deg", 180.0 / np.pi)
+        direction = screw[3:] if kind == "prismatic" else screw[:3]
+        place = "" if kind == "prismatic" else f" through {_vector(axis_point(screw))} m"
+        lines.append(
+            f"  {name}: {kind}, along {_vector(direction)}{place}, "
+            f"{low * scale:.2f} to {high * scale:.2f} {unit}"
+        )
+    for i, (first, second) in enumerate(zip(screws, screws[1:])):
+        if "prismatic" in kinds[i : i + 2]:
+            continue
+        how = relation(first, second)
+        apart = distance_between(first, second)
+        gap = f", {apart * 1e3:.4g} mm apart" if apart > AXES_MEET else ""
+        lines.append(f"  axes {i + 1} and {i + 2} {how.value}{gap}")
+    lines.append(f"  tool at home: {_vector(np.asarray(robot.home)[:3, 3])} m")
+    arm = offset_wrist_arm(robot)
+    if arm is not None:
+        offset = float(np.linalg.norm(arm.offset))
+        wrist = "spherical wrist" if offset < AXES_MEET else f"wrist offset {offset * 1e3:.4g} mm"
+        lines.append(f"  family: 1 and 2 meet, 2 parallel to 3, 4 and 5 meet; {wrist}")
+    return "\n".join(lines)
+
+
+def _concrete_screws(robot: Robot) -> np.ndarray:
+    if not is_concrete(robot.screws, robot.home):
+        raise TypeError(
+            "robot: its structure can only be found on concrete arrays; got a traced robot. "
+            "Close over the robot instead of passing it through jax.jit or jax.grad."
+        )
+    return np.asarray(robot.screws, dtype=np.float64)
+
+
+def _vector(values: np.ndarray) -> str:
+    return "(" + ", ".join(f"{value + 0.0:.5g}" for value in values) + ")"
