@@ -9,8 +9,9 @@ its geometry is right.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, TypeVar
 
 import jax
@@ -22,8 +23,27 @@ from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.robot import Robot, is_concrete
 from niryo_jax.tolerances import PITCH
 
-class Geometry(NamedTuple):
-    """A robot's screws and home pose as lanes.
+class Pattern(NamedTuple):
+    """Which numbers of a robot's screws and home pose are known to a program (None: arguments)."""
+
+    known: tuple[float | None, ...]
+    kinds: tuple[str, ...]
+
+    def geometry(self, arguments: Iterable[jax.Array]) -> Geometry:
+        """The lanes of the robot: the known numbers, and the arguments in the places between."""
+        rest = iter(arguments)
+        entries = np.empty(len(self.known), dtype=object)
+        for i, number in enumerate(self.known):
+            entries[i] = Lane(next(rest)) if number is None else Lane(number)
+        joints = len(self.kinds)
+        screws, home = entries[: 6 * joints], entries[6 * joints :]
+        return Geometry(screws.reshape(joints, 6), home.reshape(4, 4), self.kinds)
+
+
+@jax.tree_util.register_pytree_node_class
+@dataclasses.dataclass(frozen=True)
+class Geometry:
+    """A robot's screws and home pose as lanes; a pytree whose leaves are the lanes not known.
 
     Attributes:
         screws: (n, 6) lanes; home: (4, 4) lanes.
@@ -40,6 +60,19 @@ class Geometry(NamedTuple):
         """The number of joints n."""
         return len(self.kinds)
 
+    def tree_flatten(self) -> tuple[list[jax.Array], Pattern]:
+        """The traced numbers, and the pattern of the known ones."""
+        entries = [lane.value for lane in (*self.screws.ravel(), *self.home.ravel())]
+        known = tuple(value if isinstance(value, float) else None for value in entries)
+        return [value for value in entries if not isinstance(value, float)], Pattern(
+            known, self.kinds
+        )
+
+    @classmethod
+    def tree_unflatten(cls, pattern: Pattern, arguments: Iterable[jax.Array]) -> Geometry:
+        """The geometry of a pattern and its arguments."""
+        return pattern.geometry(arguments)
+
 
 def joint_kinds(screws: np.ndarray) -> tuple[str, ...]:
     """The kind of each joint of a concrete robot."""
@@ -52,45 +85,32 @@ def joint_kinds(screws: np.ndarray) -> tuple[str, ...]:
     return tuple(kind(screw) for screw in screws)
 
 
-def geometry_of(robot: Robot) -> Geometry:
-    """The lanes of a robot: plain numbers where it is concrete, traced scalars otherwise."""
-    if is_concrete(robot.screws, robot.home) and robot.screws.ndim == robot.home.ndim == 2:
-        screws, home = np.asarray(robot.screws), np.asarray(robot.home)
-        return Geometry(lanes.unpack(screws, 2), lanes.unpack(home, 2), joint_kinds(screws))
-    screws, home = jnp.asarray(robot.screws), jnp.asarray(robot.home)
-    return Geometry(lanes.unpack(screws, 2), lanes.unpack(home, 2), ("any",) * robot.joints)
+def traced_geometry(robot: Robot, dtype: np.dtype) -> Geometry:
+    """The lanes of a traced robot: every number an argument, in the dtype of the computation."""
+    screws, home = (lanes.unpack(jnp.asarray(x, dtype), 2) for x in (robot.screws, robot.home))
+    return Geometry(screws, home, ("any",) * robot.joints)
+
+
+def _dtype_of(arrays: tuple[Any, ...]) -> np.dtype:
+    """The floating-point type that a function of these arrays computes in."""
+    dtypes = [jnp.result_type(leaf) for leaf in jax.tree.leaves(arrays)]
+    floating = [dtype for dtype in dtypes if jnp.issubdtype(dtype, jnp.floating)]
+    return jnp.result_type(*floating) if floating else jnp.result_type(float)
 
 
 Result = TypeVar("Result")
 
 
-class _Pattern(NamedTuple):
-    """Which numbers of a robot's screws and home are known to the program (None: arguments)."""
-
-    known: tuple[float | None, ...]
-    kinds: tuple[str, ...]
-
-    def geometry(self, arguments: jax.Array) -> Geometry:
-        """The lanes of the robot: the known numbers, and the arguments in the places between."""
-        rest = iter(arguments[i] for i in range(arguments.shape[0]))
-        entries = np.empty(len(self.known), dtype=object)
-        for i, number in enumerate(self.known):
-            entries[i] = Lane(next(rest)) if number is None else Lane(number)
-        joints = len(self.kinds)
-        screws, home = entries[: 6 * joints], entries[6 * joints :]
-        return Geometry(screws.reshape(joints, 6), home.reshape(4, 4), self.kinds)
-
-
-def _pattern_of(robot: Robot, whole: bool) -> tuple[_Pattern, np.ndarray]:
+def _pattern_of(robot: Robot, whole: bool) -> tuple[Pattern, np.ndarray]:
     """The pattern and the arguments of a concrete robot."""
-    cache: dict[bool, tuple[_Pattern, np.ndarray]] = robot.__dict__.setdefault("_patterns", {})
+    cache: dict[bool, tuple[Pattern, np.ndarray]] = robot.__dict__.setdefault("_patterns", {})
     if whole not in cache:
         screws, home = np.asarray(robot.screws), np.asarray(robot.home)
         numbers = np.concatenate([screws.ravel(), home.ravel()])
         # Adding 0.0 turns a negative zero into a positive one, so that both give one program.
         known = [float(x) + 0.0 if whole or x in (0.0, 1.0, -1.0) else None for x in numbers]
         rest = np.array([x for x, number in zip(numbers, known) if number is None])
-        cache[whole] = _Pattern(tuple(known), joint_kinds(screws)), rest
+        cache[whole] = Pattern(tuple(known), joint_kinds(screws)), rest
     return cache[whole]
 
 
@@ -102,13 +122,14 @@ def on_robot(function: Callable[..., Result]) -> Callable[..., Result]:
 
     @functools.partial(jax.jit, static_argnums=(0, 1))
     def concrete(
-        pattern: _Pattern, options: tuple[tuple[str, Any], ...], rest: jax.Array, *arrays: Any
+        pattern: Pattern, options: tuple[tuple[str, Any], ...], rest: jax.Array, *arrays: Any
     ) -> Result:
-        return function(pattern.geometry(rest), *arrays, **dict(options))
+        rest = rest.astype(_dtype_of(arrays))
+        return function(pattern.geometry(list(rest)), *arrays, **dict(options))
 
     @functools.partial(jax.jit, static_argnums=0)
     def traced(options: tuple[tuple[str, Any], ...], robot: Robot, *arrays: Any) -> Result:
-        return function(geometry_of(robot), *arrays, **dict(options))
+        return function(traced_geometry(robot, _dtype_of(arrays)), *arrays, **dict(options))
 
     @functools.wraps(function)
     def public(robot: Robot, *arrays: Any, **options: Any) -> Result:

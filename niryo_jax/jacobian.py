@@ -145,16 +145,8 @@ def manipulability(robot: Robot, q: ArrayLike, part: Part = "all") -> jax.Array:
 @on_robot
 def _manipulability(geometry: Geometry, q: ArrayLike, part: Part) -> jax.Array:
     def volume(q: Lanes) -> lanes.Lane:
-        jacobian = pose_and_jacobian(geometry, q, "body")[1][_ROWS[part]]
-        rows, columns = jacobian.shape
-        if columns < rows:
-            return lanes.Lane(0.0)
-        diagonal = np.diag(lanes.cholesky(jacobian @ jacobian.T))
-        inverse = lanes.Lane(1.0)
-        for reciprocal in diagonal:
-            inverse = inverse * reciprocal
-        regular = inverse > 0.0
-        return lanes.select(regular, 1.0 / lanes.select(regular, inverse, 1.0), 0.0)
+        rows = pose_and_jacobian(geometry, q, "body")[1][_ROWS[part]]
+        return lanes.volume(rows) if len(rows) <= geometry.joints else lanes.Lane(0.0)
 
     return on_lanes(volume, ("q", q, (geometry.joints,)))
 

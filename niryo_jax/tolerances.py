@@ -40,3 +40,22 @@ SUBPROBLEM_RESIDUAL = ByDtype(1e-9, 1e-4)
 SUBPROBLEM_COINCIDENCE = ByDtype(2e-14, 1e-5)
 """Lengths below this share of a subproblem's lengths are rounding: points on an axis, circles that
 touch, axes that coincide."""
+
+POSE_ROTATION = 1e-2
+"""A target whose rotation block is farther than this (Frobenius norm) from SO(3) is refused.
+Matrices printed with three decimals are within 1.5e-3; a scale error of 1 % is beyond."""
+
+NEWTON_POSITION = ByDtype(1e-11, 2e-6)
+"""Newton-Raphson has converged where the position misses by less than this (metres)..."""
+
+NEWTON_ROTATION = ByDtype(1e-11, 5e-6)
+"""... and the rotation by less than this (radians)."""
+
+DEPENDENT_ROW = ByDtype(1e-14, 1e-6)
+"""A Jacobian row that is independent of the others by less than this share is rounding."""
+
+SAME_SOLUTION = ByDtype(1e-6, 1e-3)
+"""Two joint vectors closer than this in every joint (radians) are one solution."""
+
+LIMIT_ROUNDING = ByDtype(1e-9, 1e-5)
+"""A joint beyond its limit by less than this (radians) is at its limit."""

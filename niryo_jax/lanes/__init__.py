@@ -11,15 +11,14 @@ the textbook, and numpy drives the arithmetic element by element while JAX trace
 """
 
 from niryo_jax.lanes.linalg import (
-    cholesky,
-    cholesky_solve,
     cross,
     hat,
     identity,
     norm,
     outer,
-    solve_spd,
+    solve,
     vee,
+    volume,
 )
 from niryo_jax.lanes.scalar import (
     Condition,
@@ -45,8 +44,6 @@ __all__ = [
     "as_lane",
     "asin",
     "atan2",
-    "cholesky",
-    "cholesky_solve",
     "cross",
     "hat",
     "identity",
@@ -59,8 +56,9 @@ __all__ = [
     "pack",
     "select",
     "sincos",
-    "solve_spd",
+    "solve",
     "sqrt",
     "unpack",
     "vee",
+    "volume",
 ]

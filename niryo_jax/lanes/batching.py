@@ -37,8 +37,8 @@ def as_floating(name: str, value: ArrayLike) -> jax.Array:
 def on_lanes(function: Callable[..., Any], *edges: Edge) -> Any:
     """Call `function` with the lanes of each array and pack what it returns.
 
-    The batch axes of the arrays broadcast against each other and return in front of the results;
-    the dtype is that of the arrays. The function returns lanes, a lane, or a tuple of these.
+    The batch axes of the arrays (and of any lanes that the function brings along) broadcast against
+    each other and return in front of the results; the dtype is that of the arrays. The function returns lanes, a lane, or a tuple of these.
     """
     arrays = [as_floating(name, value) for name, value, _ in edges]
     for (name, _, shape), array in zip(edges, arrays):
@@ -54,6 +54,7 @@ def on_lanes(function: Callable[..., Any], *edges: Edge) -> Any:
 
     def pack_one(value: Lane | Lanes) -> jax.Array:
         lanes = value if isinstance(value, np.ndarray) else np.array(value, dtype=object)
-        return pack(lanes, batch, dtype)
+        shapes = [jnp.shape(lane.value) for lane in lanes.ravel()]
+        return pack(lanes, jnp.broadcast_shapes(batch, *shapes), dtype)
 
     return tuple(map(pack_one, result)) if isinstance(result, tuple) else pack_one(result)

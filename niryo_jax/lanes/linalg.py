@@ -1,6 +1,8 @@
-"""Small linear algebra on lanes: 3-vectors, rotations, symmetric solves without LAPACK calls."""
+"""Small linear algebra on lanes: 3-vectors, and solves without LAPACK calls."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -54,37 +56,76 @@ def norm(vector: Lanes) -> Lane:
     return sqrt(vector @ vector)
 
 
-def cholesky(matrix: Lanes) -> Lanes:
-    """The lower-triangular L with L L^T = matrix (symmetric, positive definite).
+class Orthogonal(NamedTuple):
+    """rows = lower @ basis, with orthonormal basis vectors (modified Gram-Schmidt).
 
-    Entries above the diagonal are known zeros; the diagonal holds the *reciprocals* of L's, which
-    is what the solves need. A pivot that is not positive gives a zero there: its unknown
-    drops out of the solution instead of becoming infinite.
+    Attributes:
+        basis: (k, n); a row that depends on those before it has the zero vector.
+        lower: (k, k) lower triangular.
+        reciprocals: (k,) 1 / diagonal of lower; 0 for a dependent row.
     """
-    size = len(matrix)
-    lower = lanes_of(np.zeros((size, size)))
-    for j in range(size):
-        pivot = matrix[j, j] - lower[j, :j] @ lower[j, :j] if j else matrix[j, j]
-        root = sqrt(pivot)
-        positive = root > 0
-        lower[j, j] = select(positive, 1.0 / select(positive, root, 1.0), 0.0)
-        for i in range(j + 1, size):
-            rest = matrix[i, j] - lower[i, :j] @ lower[j, :j] if j else matrix[i, j]
-            lower[i, j] = rest * lower[j, j]
-    return lower
+
+    basis: Lanes
+    lower: Lanes
+    reciprocals: Lanes
 
 
-def cholesky_solve(lower: Lanes, rhs: Lanes) -> Lanes:
-    """x with L L^T x = rhs, L as `cholesky` returns it."""
-    size = len(rhs)
-    x = rhs.copy()
-    for i in range(size):
-        x[i] = (x[i] - lower[i, :i] @ x[:i] if i else x[i]) * lower[i, i]
-    for i in reversed(range(size)):
-        x[i] = (x[i] - lower[i + 1 :, i] @ x[i + 1 :] if i + 1 < size else x[i]) * lower[i, i]
+def orthogonalise(rows: Lanes, tolerance: float) -> Orthogonal:
+    """Factor k rows of n lanes, k <= n, without squaring their condition number.
+
+    A row of which less than the share `tolerance` is independent of those before it is dependent.
+    """
+    count = len(rows)
+    basis, lower = rows.copy(), lanes_of(np.zeros((count, count)))
+    reciprocals = lanes_of(np.zeros(count))
+    for i in range(count):
+        whole = norm(basis[i])
+        for j in range(i):
+            lower[i, j] = basis[i] @ basis[j]
+            basis[i] = basis[i] - lower[i, j] * basis[j]
+        rest = norm(basis[i])
+        independent = rest > tolerance * whole
+        reciprocals[i] = select(independent, 1.0 / select(independent, rest, 1.0), 0.0)
+        lower[i, i] = rest
+        basis[i] = basis[i] * reciprocals[i]
+    return Orthogonal(basis, lower, reciprocals)
+
+
+def volume(rows: Lanes) -> Lane:
+    """sqrt(det(A A^T)) of k rows of n >= k lanes: the volume that the rows span."""
+    diagonal = np.diag(orthogonalise(rows, 0.0).lower)
+    out = diagonal[0]
+    for length in diagonal[1:]:
+        out = out * length
+    return out
+
+
+def solve(matrix: Lanes, rhs: Lanes, damping: Lane | float, tolerance: float) -> Lanes:
+    """x that minimises |A x - b|^2 + damping^2 |x|^2; of least norm where there are several.
+
+    Args:
+        matrix: (m, n), any shape and rank.
+        rhs: (m,).
+        damping: 0 gives the pseudo-inverse.
+        tolerance: rows (columns where m > n) that are independent by less than this share
+            are left out, so that nothing becomes infinite at a singularity.
+    """
+    m, n = matrix.shape
+    lane = damping if isinstance(damping, Lane) else Lane(float(damping))
+    damped = [] if lane.is_known(0.0) else [lane * identity(min(m, n))]
+    if m <= n:
+        # A x + damping z = b with the least |x|^2 + |z|^2.
+        basis, lower, reciprocals = orthogonalise(np.hstack([matrix, *damped]), tolerance)
+        y = rhs.copy()
+        for i in range(m):
+            y[i] = (y[i] - _dot(lower[i, :i], y[:i])) * reciprocals[i]
+        return np.array([_dot(basis[:, j], y) for j in range(n)], dtype=object)
+    basis, lower, reciprocals = orthogonalise(np.vstack([matrix, *damped]).T, tolerance)
+    x = np.array([_dot(basis[i, :m], rhs) for i in range(n)], dtype=object)
+    for i in reversed(range(n)):
+        x[i] = (x[i] - _dot(lower[i + 1 :, i], x[i + 1 :])) * reciprocals[i]
     return x
 
 
-def solve_spd(matrix: Lanes, rhs: Lanes) -> Lanes:
-    """x with matrix x = rhs for a symmetric positive definite matrix."""
-    return cholesky_solve(cholesky(matrix), rhs)
+def _dot(a: Lanes, b: Lanes) -> Lane:
+    return a @ b if len(a) else ZERO

@@ -18,7 +18,9 @@ from niryo_jax import lanes
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import on_lanes
 
-_JACOBI_SWEEPS = 6
+_POLAR_ITERATIONS = 40
+_GENERIC = ((0.3, -0.8, 0.1), (0.5, 0.2, -0.6), (-0.1, 0.7, 0.9))
+"""A direction in which a matrix without a unique nearest rotation is nudged to have one."""
 
 
 @jax.jit
@@ -179,6 +181,14 @@ def log_lanes(rotation: Lanes) -> Lanes:
     return log_parts(rotation).vector
 
 
+def orthonormalise_lanes(matrix: Lanes) -> Lanes:
+    """The rotation nearest to a matrix that is nearly one (within about 0.1), to rounding."""
+    x = matrix
+    for _ in range(4):
+        x = _polar_step(x)
+    return x
+
+
 def project_lanes(matrix: Lanes) -> tuple[Lanes, Lane]:
     """`project` on lanes."""
     rotation = _nearest_rotation(matrix)
@@ -194,35 +204,74 @@ def _nearest_rotation(matrix: Lanes) -> Lanes:
 
 @jax.custom_jvp
 def _polar(matrix: jax.Array) -> jax.Array:
-    """The nearest rotation, by one-sided Jacobi rotations on the columns of the matrix."""
+    """The nearest rotation, without any decision that rounding could turn over."""
     batch, dtype = matrix.shape[:-2], matrix.dtype
-    # A common scale leaves the answer alone and keeps the squares below from overflowing.
+    eps = float(jnp.finfo(dtype).eps)
+    # A common scale leaves the answer alone and keeps products from overflowing.
     largest = jnp.max(jnp.abs(matrix), axis=(-2, -1), keepdims=True)
-    columns = matrix / jnp.where(largest > 0, largest, 1.0)
-    basis = jnp.broadcast_to(jnp.eye(3, dtype=dtype), matrix.shape)
+    scaled = matrix / jnp.where(largest > 0, largest, 1.0)
 
-    def sweep(_: int, state: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        a, v = (lanes.unpack(array, 2) for array in state)
-        for p, q in ((0, 1), (0, 2), (1, 2)):
-            cos, sin = _orthogonalising_rotation(a[:, p], a[:, q])
-            for m in (a, v):
-                m[:, p], m[:, q] = cos * m[:, p] - sin * m[:, q], sin * m[:, p] + cos * m[:, q]
-        return lanes.pack(a, batch, dtype), lanes.pack(v, batch, dtype)
+    def start(m: Lanes) -> Lanes:
+        generic = m + eps ** (1 / 3) * lanes.lanes_of(_GENERIC)
+        x, y = _right_handed(m), _right_handed(generic)
+        degenerate = x[0] @ lanes.cross(x[1], x[2]) < 50.0 * eps
+        return lanes.map_lanes(lambda pair: lanes.select(degenerate, *pair), _pairs(y, x))
 
-    columns, basis = jax.lax.fori_loop(0, _JACOBI_SWEEPS, sweep, (columns, basis))
-    a, v = lanes.unpack(columns, 2), lanes.unpack(basis, 2)
-    # Longest column first, shortest last; a swap changes a sign so that the basis stays a rotation.
-    for p, q in ((0, 1), (1, 2), (0, 1)):
-        shorter = a[:, p] @ a[:, p] < a[:, q] @ a[:, q]
-        for m in (a, v):
-            first, second = m[:, p].copy(), m[:, q].copy()
-            for i in range(3):
-                m[i, p] = lanes.select(shorter, second[i], first[i])
-                m[i, q] = lanes.select(shorter, -first[i], second[i])
-    x = _unit(a[:, 0], lanes.lanes_of([1.0, 0.0, 0.0]))
-    y = _unit(a[:, 1] - (x @ a[:, 1]) * x, _perpendicular(x))
-    left = np.stack([x, y, lanes.cross(x, y)], axis=1)
-    return lanes.pack(left @ v.T, batch, dtype)
+    def unfinished(carry: tuple[jax.Array, jax.Array, jax.Array]) -> jax.Array:
+        count, old, new = carry
+        moved = jnp.max(jnp.abs(new - old), initial=0.0)
+        return (count < _POLAR_ITERATIONS) & ~(moved < eps**0.5)
+
+    def iterate(
+        carry: tuple[jax.Array, jax.Array, jax.Array],
+    ) -> tuple[jax.Array, jax.Array, jax.Array]:
+        count, _, x = carry
+        return count + 1, x, on_lanes(_polar_step, ("matrix", x, (3, 3)))
+
+    x = on_lanes(start, ("matrix", scaled, (3, 3)))
+    _, _, x = jax.lax.while_loop(unfinished, iterate, (jnp.int32(0), jnp.zeros_like(x), x))
+    return on_lanes(lambda m: _polar_step(_polar_step(m)), ("matrix", x, (3, 3)))
+
+
+def _right_handed(m: Lanes) -> Lanes:
+    """A matrix with positive determinant whose polar factor is the rotation nearest to m.
+
+    With m = U diag(s1, s2, s3) V^T and d = det(U V^T), the cofactors of m are
+    d U diag(s2 s3, s1 s3, s1 s2) V^T, so m + cof(m) / s1 has the third value s3 + d s2, of the
+    sign that U diag(1, 1, d) V^T needs.
+    """
+    gram = m.T @ m
+    mean = (gram[0, 0] + gram[1, 1] + gram[2, 2]) * (1.0 / 3.0)
+    rest = gram - mean * lanes.identity(3)
+    spread = lanes.sqrt((rest.ravel() @ rest.ravel()) * (1.0 / 6.0))
+    scale = 1.0 / lanes.select(spread > 0.0, spread, 1.0)
+    unit = rest * scale
+    third = lanes.acos(
+        lanes.maximum(-1.0, lanes.minimum(0.5 * (unit[0] @ lanes.cross(unit[1], unit[2])), 1.0))
+    ) * (1.0 / 3.0)
+    s1 = lanes.sqrt(mean + 2.0 * spread * lanes.sincos(third)[1])
+    return m + _cofactors(m) * (1.0 / lanes.select(s1 > 0.0, s1, 1.0))
+
+
+def _cofactors(m: Lanes) -> Lanes:
+    return np.stack([lanes.cross(m[1], m[2]), lanes.cross(m[2], m[0]), lanes.cross(m[0], m[1])])
+
+
+def _polar_step(x: Lanes) -> Lanes:
+    """One step of Newton's iteration for the polar factor, scaled (Higham, 1986): (g X + X^-T / g) / 2."""
+    cofactors = _cofactors(x)
+    det = x[0] @ cofactors[0]
+    inverse = cofactors * (1.0 / lanes.select(det > 0.0, det, 1.0))
+    square = lanes.norm(inverse.ravel()) / lanes.norm(x.ravel())
+    scale = lanes.sqrt(square)
+    return 0.5 * (scale * x + inverse * (1.0 / lanes.select(scale > 0.0, scale, 1.0)))
+
+
+def _pairs(a: Lanes, b: Lanes) -> Lanes:
+    out = np.empty(a.shape, dtype=object)
+    for index in np.ndindex(a.shape):
+        out[index] = (a[index], b[index])
+    return out
 
 
 @_polar.defjvp
@@ -241,33 +290,3 @@ def _polar_jvp(
     unique = abs(det) > 0.0
     w = (adjugate.T @ x) * lanes.select(unique, 1.0 / lanes.select(unique, det, 1.0), 0.0)
     return rotation, lanes.pack(r @ lanes.hat(w), batch, dtype)
-
-
-def _orthogonalising_rotation(a: Lanes, b: Lanes) -> tuple[Lane, Lane]:
-    """(cos, sin) of the plane rotation that makes two columns orthogonal (Golub & Van Loan, 8.6)."""
-    inner = a @ b
-    apart = abs(inner) > 0.0
-    ratio = (b @ b - a @ a) / (2.0 * lanes.select(apart, inner, 1.0))
-    tangent = 1.0 / (abs(ratio) + lanes.sqrt(1.0 + ratio * ratio))
-    tangent = lanes.select(ratio < 0.0, -tangent, tangent)
-    tangent = lanes.select(apart, tangent, 0.0)
-    cos = 1.0 / lanes.sqrt(1.0 + tangent * tangent)
-    return cos, cos * tangent
-
-
-def _unit(vector: Lanes, otherwise: Lanes) -> Lanes:
-    length = lanes.norm(vector)
-    usable = length > 0.0
-    scale = 1.0 / lanes.select(usable, length, 1.0)
-    return lanes.lanes_of(
-        [lanes.select(usable, a * scale, b) for a, b in zip(vector, otherwise)]
-    )
-
-
-def _perpendicular(unit: Lanes) -> Lanes:
-    """A unit vector at right angles to a unit vector."""
-    x, y, z = unit
-    flat = abs(z) > 0.9
-    zero = Lane(0.0)
-    a, b, c = lanes.select(flat, z, -y), lanes.select(flat, zero, x), lanes.select(flat, -x, zero)
-    return _unit(lanes.lanes_of([a, b, c]), lanes.lanes_of([1.0, 0.0, 0.0]))

@@ -1,0 +1,139 @@
+"""The state of a simulated Niryo: joints that move in time, a tool, and one object to grip."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from niryo_jax.chain import forward_kinematics
+from niryo_jax.ik.newton import newton_raphson
+from niryo_jax.robots import NiryoModel
+
+Vector = NDArray[np.float64]
+
+# How far from the tool centre point an object may be and still be gripped, metres. The jaws of
+# gripper 1 are about 20 mm long and 27 mm apart.
+REACH = 0.03
+
+
+class SimulatedArm:
+    """Joints, tool and object. Thread-safe; angles in radians, lengths in metres, real seconds.
+
+    Joints move at constant speed and arrive together: the slowest joint, at its largest speed
+    times the velocity percentage times `time_scale`, decides how long a move takes.
+    """
+
+    def __init__(self, model: NiryoModel, *, time_scale: float, mounted_tool: str) -> None:
+        self.model = model
+        self.robot = model.robot()
+        self.lower: Vector = np.asarray(self.robot.lower)
+        self.upper: Vector = np.asarray(self.robot.upper)
+        self.calibrated = False
+        self.learning_mode = True
+        self.velocity_percent = 100.0
+        self.tool = "none"
+        self.grasping = False
+        self._mounted_tool = mounted_tool
+        self._max_velocity = np.array(model.max_velocity)
+        self._time_scale = time_scale
+        self._lock = threading.RLock()
+        self._start = self._goal = np.zeros(6)
+        self._departure = self._arrival = time.monotonic()
+        self._object: Vector | None = None
+        self._held = False
+
+    @property
+    def joints(self) -> Vector:
+        """(6,) joints at this moment."""
+        with self._lock:
+            now = time.monotonic()
+            if now >= self._arrival:
+                return self._goal.copy()
+            share = (now - self._departure) / (self._arrival - self._departure)
+            return self._start + share * (self._goal - self._start)
+
+    @property
+    def pose(self) -> Vector:
+        """(4, 4) pose of the tool frame at this moment."""
+        return self.pose_at(self.joints)
+
+    def pose_at(self, q: Sequence[float] | Vector) -> Vector:
+        """(4, 4) pose of the tool frame at joints q (6,)."""
+        return np.asarray(forward_kinematics(self.robot, np.asarray(q)), dtype=np.float64)
+
+    def solve(self, pose: Vector) -> Vector | None:
+        """Joints (6,) inside the limits for a pose (4, 4), by Newton-Raphson from where the arm is.
+
+        None where that finds none, though there may be some: the robot's own solver is of the same
+        kind.
+        """
+        result = newton_raphson(self.robot, pose, self.joints)
+        q = np.asarray(result.q, dtype=np.float64)
+        return q if bool(result.converged) and self.outside(q) is None else None
+
+    def move(self, q: Sequence[float] | Vector) -> float:
+        """Set out for joints q (6,); the moment of arrival, on the clock of `time.monotonic`."""
+        with self._lock:
+            self._start, self._goal = self.joints, np.array(q, dtype=np.float64)
+            speed = self._max_velocity * (self.velocity_percent / 100) * self._time_scale
+            self._departure = time.monotonic()
+            duration = np.max(np.abs(self._goal - self._start) / speed)
+            self._arrival = self._departure + float(duration)
+            return self._arrival
+
+    def outside(self, q: Sequence[float] | Vector, decimals: int | None = None) -> int | None:
+        """Index of the first joint of q (6,) outside its limits, q rounded first where asked."""
+        values = np.asarray(q) if decimals is None else np.round(q, decimals)
+        bad = ~((self.lower <= values) & (values <= self.upper))
+        return int(np.argmax(bad)) if np.any(bad) else None
+
+    def detect_tool(self) -> None:
+        """Find the mounted tool, as the robot does on UPDATE_TOOL."""
+        self.tool = self._mounted_tool
+
+    def grasp(self) -> None:
+        """Close the tool; an object within reach of the tool centre point is held from now on."""
+        with self._lock:
+            if self.tool == "none" or self.grasping:
+                return
+            self.grasping = True
+            if self._object is not None:
+                pose = self.pose
+                local = pose[:3, :3].T @ (self._object - pose[:3, 3])
+                if np.linalg.norm(local - np.array(self.model.tools[self.tool])) <= REACH:
+                    self._object, self._held = local, True
+
+    def release(self) -> None:
+        """Open the tool; an object that was held falls straight down to the table, z = 0."""
+        with self._lock:
+            if self.tool == "none":
+                return
+            position, self._held = self.object_position, False
+            self.grasping = False
+            if position is not None:
+                self._object = position * (1.0, 1.0, 0.0)
+
+    def place_object(self, position: Sequence[float] | Vector) -> None:
+        """Put the one object at a position (3,) in the space frame, out of the tool if held."""
+        with self._lock:
+            self._object, self._held = np.array(position, dtype=np.float64), False
+
+    @property
+    def holding(self) -> bool:
+        """Whether the object is held by the tool."""
+        return self._held
+
+    @property
+    def object_position(self) -> Vector | None:
+        """(3,) position of the object in the space frame; None where there is none."""
+        with self._lock:
+            if self._object is None:
+                return None
+            if not self._held:
+                return self._object.copy()
+            pose = self.pose
+            return pose[:3, :3] @ self._object + pose[:3, 3]

@@ -1,0 +1,246 @@
+"""Newton-Raphson inverse kinematics from a guess, over any number of poses at once.
+
+Algorithm 1 of Todorovic et al. (2024); Lynch & Park, *Modern Robotics*, section 6.2.2. The error is
+the twist that carries the tool to the target in unit time; each step solves J dq = twist. The step
+is damped in proportion to the error (Sugihara, 2011), which keeps it small near
+singularities far from the answer and leaves convergence quadratic.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from niryo_jax import lanes
+from niryo_jax.geometry import Geometry, on_robot
+from niryo_jax.ik.target import make_target
+from niryo_jax.jacobian import pose_and_jacobian
+from niryo_jax.lanes import Lane, Lanes
+from niryo_jax.lanes.batching import as_floating, check_shape, on_lanes
+from niryo_jax.lie import se3
+from niryo_jax.robot import Robot
+from niryo_jax.tolerances import DEPENDENT_ROW, NEWTON_POSITION, NEWTON_ROTATION
+
+Frame = Literal["body", "space"]
+
+
+class NewtonResult(NamedTuple):
+    """Where Newton-Raphson ended.
+
+    Attributes:
+        q: (..., n) joint vectors, not wrapped.
+        converged: (...,) whether both errors are within their tolerances.
+        iterations: (...,) the number of steps taken.
+        position_error, rotation_error: (...,) metres and radians at q; infinite where q or the
+            pose is not finite or the pose is no rigid motion.
+    """
+
+    q: jax.Array
+    converged: jax.Array
+    iterations: jax.Array
+    position_error: jax.Array
+    rotation_error: jax.Array
+
+
+@dataclasses.dataclass(frozen=True)
+class _Options:
+    frame: Frame
+    position_tolerance: float | None
+    rotation_tolerance: float | None
+    max_iterations: int
+    step_limit: float
+    damping: float
+
+
+def newton_raphson(
+    robot: Robot,
+    pose: ArrayLike,
+    q0: ArrayLike,
+    *,
+    frame: Frame = "body",
+    position_tolerance: float | None = None,
+    rotation_tolerance: float | None = None,
+    max_iterations: int = 30,
+    step_limit: float = 0.7,
+    damping: float = 0.3,
+) -> NewtonResult:
+    """Solve for the joint vector of a pose by Newton-Raphson from a guess.
+
+    Args:
+        robot: the arm.
+        pose: (..., 4, 4) targets; projected to SE(3) first.
+        q0: (..., n) guesses, radians. The batch axes of pose and q0 broadcast.
+        frame: whether the error twist and the Jacobian are those of the tool ("body") or of the
+            space frame ("space"). Both take the same steps where nothing is damped.
+        position_tolerance: metres; 1e-11 in float64 and 2e-6 in float32 where not given.
+        rotation_tolerance: radians; 1e-11 in float64 and 5e-6 in float32 where not given.
+        max_iterations: the most steps to take.
+        step_limit: the most that any joint moves in one step, radians (or metres).
+        damping: factor of the error that damps the step; 0 for the pure method.
+
+    Returns:
+        A `NewtonResult`. Every pose takes part in one program; those that have converged stay.
+        Derivatives of q with respect to pose and robot are those of the implicit
+        function theorem, where converged; with respect to q0 they are zero.
+
+    Raises:
+        ValueError: wrong shapes, an unknown frame, options that are not positive.
+    """
+    if frame not in ("body", "space"):
+        raise ValueError(f"frame: expected 'body' or 'space', got {frame!r}")
+    if max_iterations < 0:
+        raise ValueError(f"max_iterations: expected 0 or more, got {max_iterations}")
+    if not step_limit > 0:
+        raise ValueError(f"step_limit: expected a positive number, got {step_limit}")
+    if not damping >= 0:
+        raise ValueError(f"damping: expected 0 or more, got {damping}")
+    for name, tolerance in (
+        ("position_tolerance", position_tolerance),
+        ("rotation_tolerance", rotation_tolerance),
+    ):
+        if tolerance is not None and not tolerance > 0:
+            raise ValueError(f"{name}: expected a positive number, got {tolerance}")
+    options = _Options(
+        frame, position_tolerance, rotation_tolerance, max_iterations, step_limit, damping
+    )
+    return _newton_raphson(robot, pose, q0, options=options)
+
+
+@on_robot
+def _newton_raphson(
+    geometry: Geometry, pose: ArrayLike, q0: ArrayLike, options: _Options
+) -> NewtonResult:
+    q0 = as_floating("q0", q0)
+    check_shape("q0", q0, (geometry.joints,))
+    target = make_target(pose)
+    dtype = jnp.result_type(target.pose, q0)
+    batch = jnp.broadcast_shapes(target.pose.shape[:-2], q0.shape[:-1])
+    result = _solve(
+        options,
+        geometry,
+        jnp.broadcast_to(target.pose, (*batch, 4, 4)).astype(dtype),
+        jnp.broadcast_to(q0, (*batch, geometry.joints)).astype(dtype),
+    )
+    usable = target.valid & jnp.isfinite(result.position_error + result.rotation_error)
+    return result._replace(
+        converged=result.converged & usable,
+        position_error=jnp.where(usable, result.position_error, jnp.inf),
+        rotation_error=jnp.where(usable, result.rotation_error, jnp.inf),
+    )
+
+
+def error_twist(
+    geometry: Geometry, target: Lanes, q: Lanes, frame: Frame
+) -> tuple[Lanes, Lanes, Lane]:
+    """The twist from tool to target, the Jacobian in the same frame, and the position error."""
+    (rotation, position), jacobian = pose_and_jacobian(geometry, q, frame)
+    goal_rotation, goal = se3.split(target)
+    away = goal - position
+    twist = se3.log_lanes(rotation.T @ goal_rotation, rotation.T @ away)
+    if frame == "space":
+        w, v = rotation @ twist[:3], rotation @ twist[3:]
+        twist = np.concatenate([w, v + lanes.cross(position, w)])
+    return twist, jacobian, lanes.norm(away)
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _solve(
+    options: _Options, geometry: Geometry, target: jax.Array, q0: jax.Array
+) -> NewtonResult:
+    dtype, n = q0.dtype, geometry.joints
+    position_tolerance = options.position_tolerance or NEWTON_POSITION.of(dtype)
+    rotation_tolerance = options.rotation_tolerance or NEWTON_ROTATION.of(dtype)
+
+    def step(last: jax.Array, state: jax.Array) -> jax.Array:
+        # One array holds the joints, the two errors, the number of steps and the converged flag:
+        # XLA computes a loop with one output once, and one with many outputs once for each.
+        def advance(target: Lanes, state: Lanes) -> Lanes:
+            q, iterations = state[:n], state[n + 2]
+            twist, jacobian, position_error = error_twist(geometry, target, q, options.frame)
+            rotation_error = lanes.norm(twist[:3])
+            converged = (position_error <= position_tolerance) & (
+                rotation_error <= rotation_tolerance
+            )
+            stay = converged | last
+            dq = _step(options, jacobian, twist, dtype)
+            moved = [lanes.select(stay, a, a + b) for a, b in zip(q, dq)]
+            counted = lanes.select(stay, iterations, iterations + 1.0)
+            done = lanes.select(converged, 1.0, 0.0)
+            return np.array([*moved, position_error, rotation_error, counted, done], dtype=object)
+
+        return on_lanes(advance, ("pose", target, (4, 4)), ("state", state, (n + 4,)))
+
+    def unfinished(carry: tuple[jax.Array, jax.Array]) -> jax.Array:
+        count, state = carry
+        return (count <= options.max_iterations) & ~jnp.all(state[..., n + 3] > 0.5)
+
+    def body(carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        count, state = carry
+        return count + 1, step(count == options.max_iterations, state)
+
+    start = jnp.concatenate([q0, jnp.zeros((*q0.shape[:-1], 4), dtype)], axis=-1)
+    _, state = jax.lax.while_loop(unfinished, body, (jnp.int32(0), start))
+    return NewtonResult(
+        q=state[..., :n],
+        converged=state[..., n + 3] > 0.5,
+        iterations=state[..., n + 2].astype(jnp.int32),
+        position_error=state[..., n],
+        rotation_error=state[..., n + 1],
+    )
+
+
+def _step(options: _Options, jacobian: Lanes, twist: Lanes, dtype: np.dtype) -> Lanes:
+    """The damped Newton step, scaled back to the step limit."""
+    damping = lanes.norm(twist) * options.damping if options.damping else 0.0
+    dq = lanes.solve(jacobian, twist, damping, DEPENDENT_ROW.of(dtype))
+    largest = Lane(0.0)
+    for value in dq:
+        largest = lanes.maximum(largest, abs(value))
+    too_far = largest > options.step_limit
+    scale = lanes.select(too_far, options.step_limit / lanes.select(too_far, largest, 1.0), 1.0)
+    return dq * scale
+
+
+@_solve.defjvp
+def _solve_jvp(
+    options: _Options,
+    primals: tuple[Geometry, jax.Array, jax.Array],
+    tangents: tuple[Geometry, jax.Array, jax.Array],
+) -> tuple[NewtonResult, NewtonResult]:
+    # Implicit function theorem: along F(q, geometry, target) = log(T(q)^-1 target) = 0 the
+    # derivative of F with respect to q is -J_b, so J_b dq = dF at fixed q.
+    geometry, target, q0 = primals
+    result = _solve(options, *primals)
+    q, n = result.q, geometry.joints
+
+    def twist(geometry: Geometry, target: jax.Array) -> jax.Array:
+        return on_lanes(
+            lambda target, q: error_twist(geometry, target, q, "body")[0],
+            ("pose", target, (4, 4)),
+            ("q", q, (n,)),
+        )
+
+    _, rate = jax.jvp(twist, (geometry, target), tangents[:2])
+    converged = result.converged[..., None]
+
+    def rates(q: Lanes, rate: Lanes) -> Lanes:
+        jacobian = pose_and_jacobian(geometry, q, "body")[1]
+        return lanes.solve(jacobian, rate, 0.0, DEPENDENT_ROW.of(q0.dtype))
+
+    dq = on_lanes(rates, ("q", q, (n,)), ("rate", jnp.where(converged, rate, 0.0), (6,)))
+    zero = jax.tree.map(
+        lambda x: jnp.zeros(x.shape, x.dtype)
+        if jnp.issubdtype(x.dtype, jnp.floating)
+        else np.zeros(x.shape, jax.dtypes.float0),
+        result,
+    )
+    return result, zero._replace(q=jnp.where(converged, dq, 0.0))
+
+
+__all__ = ["NewtonResult", "newton_raphson"]

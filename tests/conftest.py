@@ -1,0 +1,33 @@
+"""One precision, one compilation cache and one set of profiles for the whole test session."""
+
+from __future__ import annotations
+
+import os
+
+import hypothesis
+import jax
+import numpy as np
+import pytest
+
+import niryo_jax as nj
+
+jax.config.update("jax_enable_x64", True)  # float32 is tested through float32 inputs
+if cache := os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+    jax.config.update("jax_compilation_cache_dir", cache)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+hypothesis.settings.register_profile("local", deadline=None, max_examples=60)
+hypothesis.settings.register_profile("ci", deadline=None, max_examples=60, derandomize=True)
+hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "local")
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """A generator in the same state for every test."""
+    return np.random.default_rng(20240624)
+
+
+@pytest.fixture(scope="session")
+def niryo() -> nj.Robot:
+    """The Niryo One."""
+    return nj.robots.niryo_one()
