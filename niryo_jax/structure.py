@@ -69,20 +69,13 @@ class OffsetWristArm:
         wrist: (3,) where axes 4 and 5 meet, at q = 0.
         offset: (3,) from axis 6 to the wrist at right angles to the axis: the wrist is spherical
             where it is zero.
-        upper_arm, forearm: distances from axis 3 to the shoulder and to the wrist, in the plane
-            at right angles to axis 3.
+        wrist_range: the least and the greatest distance of the wrist from the shoulder, metres.
     """
 
     shoulder: np.ndarray
     wrist: np.ndarray
     offset: np.ndarray
-    upper_arm: float
-    forearm: float
-
-    @property
-    def reach(self) -> float:
-        """The farthest that the wrist can be from the shoulder in the plane of the arm, metres."""
-        return self.upper_arm + self.forearm
+    wrist_range: tuple[float, float]
 
 
 def offset_wrist_arm(robot: Robot) -> OffsetWristArm | None:
@@ -104,19 +97,25 @@ def offset_wrist_arm(robot: Robot) -> OffsetWristArm | None:
     if relation(screws[4], screws[5]) in (AxisRelation.PARALLEL, AxisRelation.COINCIDENT):
         return None
     shoulder, wrist = meeting_point(screws[0], screws[1]), meeting_point(screws[3], screws[4])
-    axis_3, axis_6 = screws[2], screws[5]
-
-    def from_axis(screw: np.ndarray, point: np.ndarray) -> np.ndarray:
-        away = point - axis_point(screw)
-        return away - (away @ screw[:3]) * screw[:3]
-
+    upper_arm = _from_axis(screws[2], shoulder)
+    forearm = _from_axis(screws[2], wrist)
+    sideways = float((wrist - shoulder) @ screws[2, :3])
+    lengths = float(np.linalg.norm(upper_arm)), float(np.linalg.norm(forearm))
     return OffsetWristArm(
         shoulder=shoulder,
         wrist=wrist,
-        offset=from_axis(axis_6, wrist),
-        upper_arm=float(np.linalg.norm(from_axis(axis_3, shoulder))),
-        forearm=float(np.linalg.norm(from_axis(axis_3, wrist))),
+        offset=_from_axis(screws[5], wrist),
+        wrist_range=(
+            float(np.hypot(sideways, lengths[0] - lengths[1])),
+            float(np.hypot(sideways, lengths[0] + lengths[1])),
+        ),
     )
+
+
+def _from_axis(screw: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """The vector from an axis to a point, at right angles to the axis."""
+    away = point - axis_point(screw)
+    return away - (away @ screw[:3]) * screw[:3]
 
 
 def describe(robot: Robot) -> str:

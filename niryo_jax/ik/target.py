@@ -29,6 +29,7 @@ class Target(NamedTuple):
     valid: jax.Array
 
 
+@jax.jit
 def make_target(pose: ArrayLike) -> Target:
     """Make poses (..., 4, 4) into rigid motions, and say which are none."""
     pose = as_floating("pose", pose)
