@@ -7,13 +7,14 @@ T(q) = exp([S1] q1) ... exp([Sn] qn) M, with the screws S in the space frame and
 from __future__ import annotations
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax import lanes
 from niryo_jax.geometry import Geometry, on_robot
 from niryo_jax.lanes import Lane, Lanes
-from niryo_jax.lanes.batching import on_lanes
+from niryo_jax.lanes.batching import as_floating, on_lanes
 from niryo_jax.lie import se3, so3
 from niryo_jax.robot import Robot
 
@@ -56,8 +57,10 @@ def link_poses(robot: Robot, q: ArrayLike, homes: ArrayLike | None = None) -> ja
     Raises:
         ValueError: q does not have n joints, or homes has another shape.
     """
-    frames = np.broadcast_to(np.eye(4), (robot.joints, 4, 4)) if homes is None else homes
-    return _link_poses(robot, q, frames)
+    q = as_floating("q", q)
+    if homes is None:
+        homes = jnp.broadcast_to(jnp.eye(4, dtype=q.dtype), (robot.joints, 4, 4))
+    return _link_poses(robot, q, homes)
 
 
 @on_robot
@@ -96,11 +99,20 @@ def compose(a: Motion, b: Motion) -> Motion:
     return a[0] @ b[0], a[0] @ b[1] + a[1]
 
 
-def link_motions(geometry: Geometry, q: Lanes) -> list[Motion]:
-    """exp([S1] q1) ... exp([Si] qi) for i = 1..n: how each link has moved from its home place."""
-    motions = [joint_motion(geometry, 0, q[0])]
-    for joint in range(1, len(q)):
-        motions.append(compose(motions[-1], joint_motion(geometry, joint, q[joint])))
+def link_motions(geometry: Geometry, q: Lanes, *, stored: bool = False) -> list[Motion]:
+    """exp([S1] q1) ... exp([Si] qi) for i = 1..n: how each link has moved from its home place.
+
+    `stored` keeps each motion in memory (`lanes.store`), for programs with many results.
+    """
+    motions: list[Motion] = []
+    for joint, angle in enumerate(q):
+        motion = joint_motion(geometry, joint, angle)
+        if motions:
+            motion = compose(motions[-1], motion)
+        if stored:
+            rotation, position = (lanes.map_lanes(lanes.store, part) for part in motion)
+            motion = rotation, position
+        motions.append(motion)
     return motions
 
 

@@ -137,7 +137,8 @@ def on_robot(function: Callable[..., Result]) -> Callable[..., Result]:
             raise TypeError(f"robot: expected a niryo_jax.Robot, got {type(robot).__name__}")
         static = tuple(sorted(options.items()))
         leaves = jax.tree.leaves(arrays)
-        if not is_concrete(robot.screws, robot.home) or robot.screws.ndim != 2:
+        whole = is_concrete(robot.screws, robot.home) and robot.screws.ndim == robot.home.ndim == 2
+        if not whole:
             return traced(static, robot, *arrays)
         pattern, rest = _pattern_of(robot, whole=not is_concrete(*leaves))
         return concrete(pattern, static, jnp.asarray(rest), *arrays)

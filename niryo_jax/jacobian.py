@@ -20,6 +20,7 @@ from niryo_jax.lanes import Lanes
 from niryo_jax.lanes.batching import on_lanes
 from niryo_jax.lie import se3
 from niryo_jax.robot import Robot
+from niryo_jax.tolerances import DEPENDENT_ROW
 
 Part = Literal["all", "angular", "linear"]
 
@@ -104,10 +105,10 @@ def _autodiff_space_jacobian(geometry: Geometry, q: ArrayLike) -> jax.Array:
 
 
 def pose_and_jacobian(
-    geometry: Geometry, q: Lanes, frame: Literal["space", "body"]
+    geometry: Geometry, q: Lanes, frame: Literal["space", "body"], *, stored: bool = False
 ) -> tuple[Motion, Lanes]:
     """The pose of the tool and the (6, n) Jacobian in the frame asked for, on lanes."""
-    motions = link_motions(geometry, q)
+    motions = link_motions(geometry, q, stored=stored)
     tool = compose(motions[-1], se3.split(geometry.home))
     columns = [geometry.screws[0]]
     for screw, (rotation, position) in zip(geometry.screws[1:], motions):
@@ -139,16 +140,40 @@ def manipulability(robot: Robot, q: ArrayLike, part: Part = "all") -> jax.Array:
     Raises:
         ValueError: q does not have n joints; an unknown part.
     """
-    return _manipulability(robot, q, part=_check_part(part))
+    return _volume(body_jacobian(robot, q)[..., _ROWS[_check_part(part)], :])
 
 
-@on_robot
-def _manipulability(geometry: Geometry, q: ArrayLike, part: Part) -> jax.Array:
-    def volume(q: Lanes) -> lanes.Lane:
-        rows = pose_and_jacobian(geometry, q, "body")[1][_ROWS[part]]
-        return lanes.volume(rows) if len(rows) <= geometry.joints else lanes.Lane(0.0)
+@jax.custom_jvp
+@jax.jit
+def _volume(rows: jax.Array) -> jax.Array:
+    if rows.shape[-2] > rows.shape[-1]:
+        return jnp.zeros(rows.shape[:-2], rows.dtype)
+    return on_lanes(lanes.volume, ("rows", rows, rows.shape[-2:]))
 
-    return on_lanes(volume, ("q", q, (geometry.joints,)))
+
+@_volume.defjvp
+def _volume_jvp(
+    primals: tuple[jax.Array], tangents: tuple[jax.Array]
+) -> tuple[jax.Array, jax.Array]:
+    # d sqrt(det(A A^T)) = sqrt(det(A A^T)) tr(A^+ dA), with A^+ of A = L Q from the factors.
+    (rows,), (rate,) = primals, tangents
+    count, columns = rows.shape[-2:]
+    volume = _volume(rows)
+    if count > columns:
+        return volume, jnp.zeros_like(volume)
+
+    def trace(rows: Lanes, rate: Lanes) -> lanes.Lane:
+        basis, lower, reciprocals = lanes.orthogonalise(rows, DEPENDENT_ROW.of(volume.dtype))
+        x = rate @ basis.T
+        out = lanes.Lane(0.0)
+        for j in range(count):
+            for i in range(j + 1):
+                x[i, j] = (x[i, j] - lanes.dot(lower[i, :i], x[:i, j])) * reciprocals[i]
+            out = out + x[j, j]
+        return out
+
+    shape = (count, columns)
+    return volume, volume * on_lanes(trace, ("rows", rows, shape), ("rate", rate, shape))
 
 
 def singular_values(

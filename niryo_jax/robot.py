@@ -90,6 +90,8 @@ class Robot:
             raise ValueError(f"screws: expected shape (n, 6), got {screws.shape}")
         if home.shape != (4, 4):
             raise ValueError(f"home: expected shape (4, 4), got {home.shape}")
+        if is_concrete(home):
+            check_motion("home", np.asarray(home))
         xp = np if is_concrete(screws, home) else jnp
         w, v = screws[:, :3] @ home[:3, :3].T, screws[:, 3:] @ home[:3, :3].T
         space = xp.concatenate([w, v + xp.cross(home[:3, 3], w)], axis=1)
@@ -175,8 +177,12 @@ class Robot:
         slides = np.zeros(len(axes), bool) if prismatic is None else np.array(prismatic, bool)
         if slides.shape != (len(axes),):
             raise ValueError(f"prismatic: expected {len(axes)} flags, got shape {slides.shape}")
-        if is_concrete(axes) and not np.all(np.linalg.norm(np.asarray(axes), axis=1) > 0):
-            raise ValueError(f"axes: expected non-zero finite directions, got {axes}")
+        if is_concrete(axes):
+            lengths = np.linalg.norm(np.asarray(axes), axis=1)
+            if not np.all((lengths > 0) & np.isfinite(lengths)):
+                raise ValueError(f"axes: expected non-zero finite directions, got {axes}")
+        if is_concrete(points) and not np.all(np.isfinite(np.asarray(points))):
+            raise ValueError(f"points: expected finite numbers, got {points}")
         xp = np if is_concrete(axes, points) else jnp
         unit = axes / xp.linalg.norm(axes, axis=1, keepdims=True)
         screws = xp.where(

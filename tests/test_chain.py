@@ -65,7 +65,9 @@ def test_forward_kinematics_is_the_product_of_exponentials(rng, kind):
     robot = robot_of(rng, kind)
     q = rng.uniform(-np.pi, np.pi, (200, robot.joints))
     pose, truth = fk(robot, q), truth_of(robot, q)
-    np.testing.assert_allclose(pose, truth, atol=5 * robot.joints * eps(float) * np.abs(truth).max())
+    np.testing.assert_allclose(
+        pose, truth, atol=5 * robot.joints * eps(float) * np.abs(truth).max()
+    )
     single = fk(robot, q.astype(np.float32))
     assert single.dtype == np.float32
     bound = 5 * robot.joints * eps(np.float32) * np.abs(truth).max()
@@ -136,11 +138,11 @@ def test_wrong_arguments_are_refused_by_name(niryo):
     for wrong in ((), (5,), (6, 1), (3, 7)):
         with pytest.raises(ValueError, match=r"^q: expected shape \(\.\.\., 6\), got"):
             fk(niryo, np.zeros(wrong))
-    with pytest.raises(TypeError, match="^q: expected real numbers"):
+    with pytest.raises(TypeError, match=r"^q: expected real numbers"):
         fk(niryo, np.zeros(6, complex))
-    with pytest.raises(TypeError, match="^robot: expected"):
+    with pytest.raises(TypeError, match=r"^robot: expected"):
         fk(np.zeros((6, 6)), np.zeros(6))
-    with pytest.raises(ValueError, match="^homes: expected shape"):
+    with pytest.raises(ValueError, match=r"^homes: expected shape"):
         nj.link_poses(niryo, np.zeros(6), np.zeros((6, 3, 4)))
 
 
@@ -290,7 +292,7 @@ def test_wrong_axes_are_refused_by_the_argument(name, change):
 
 @pytest.mark.parametrize("tool", [np.eye(3), REFLECTION, SCALED, NOT_A_ROW, INFINITE])
 def test_wrong_tools_are_refused(niryo, tool):
-    with pytest.raises(ValueError, match="^tool: expected"):
+    with pytest.raises(ValueError, match=r"^tool: expected"):
         niryo.with_tool(tool)
 
 
@@ -326,26 +328,28 @@ def test_a_batch_of_robots_by_vmap_by_replace_and_by_its_arrays(rng):
 
 @pytest.mark.parametrize("arm", ["mixed", "niryo"])
 def test_derivative_by_every_screw_entry_equals_finite_differences(rng, niryo, arm):
-    robot = random_robot(rng, 3, prismatic=(1,), helical=(2,)) if arm == "mixed" else niryo
+    robot = random_robot(rng, 3, prismatic=(1,), helical=(2,))
+    if arm == "niryo":  # its first joints: most entries are zero
+        robot = nj.Robot.from_screws(niryo.screws[:3], niryo.home)
     n = robot.joints
     q = rng.uniform(-2, 2, n)
     directions = np.eye(6 * n).reshape(6 * n, n, 6)
+    weights = rng.standard_normal((4, 4))
 
-    def pose(screws):
-        return fk(dataclasses.replace(robot, screws=screws), q)
+    def total(screws):
+        return jnp.sum(weights * fk(dataclasses.replace(robot, screws=screws), q))
 
-    found = jax.jit(
-        jax.vmap(lambda u: jax.jvp(pose, (jnp.asarray(robot.screws),), (u,))[1])
-    )(directions)
     truth = rate_truth(
         lambda screws: product_of_exponentials(screws, robot.home, q),
         np.broadcast_to(robot.screws, directions.shape),
         directions,
     )
-    np.testing.assert_allclose(found, truth.astype(float), atol=1e-9)
-    weights = rng.standard_normal((4, 4))
-    reverse = jax.jit(jax.grad(lambda screws: jnp.sum(weights * pose(screws))))(robot.screws)
-    np.testing.assert_allclose(reverse.ravel(), np.sum(weights * found, axis=(1, 2)), atol=1e-13)
+    truth = np.sum(weights * truth, axis=(1, 2)).astype(float)
+    reverse = jax.jit(jax.grad(total))(robot.screws)
+    np.testing.assert_allclose(reverse.ravel(), truth, atol=1e-9)
+    if arm == "mixed":
+        forward = jax.jit(jax.jacfwd(total))(robot.screws)
+        np.testing.assert_allclose(forward, reverse, atol=1e-13)
 
 
 def test_derivative_by_the_home_pose_is_the_motion(rng, niryo):

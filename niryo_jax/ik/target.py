@@ -6,11 +6,12 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax import lanes
-from niryo_jax.lanes import Lane, Lanes
-from niryo_jax.lanes.batching import as_floating, check_shape, on_lanes
+from niryo_jax.lanes import Lanes
+from niryo_jax.lanes.batching import on_lanes
 from niryo_jax.lie import se3, so3
 from niryo_jax.tolerances import POSE_ROTATION
 
@@ -32,35 +33,35 @@ class Target(NamedTuple):
 @jax.jit
 def make_target(pose: ArrayLike) -> Target:
     """Make poses (..., 4, 4) into rigid motions, and say which are none."""
-    pose = as_floating("pose", pose)
-    check_shape("pose", pose, (4, 4))
-    identity = jnp.eye(4, dtype=pose.dtype)
-    # Invalid input is replaced before anything is computed from it, so that it can neither make
-    # a derivative NaN nor be told apart from a rotation only by what comes out.
-    usable = on_lanes(_is_near_rotation, ("pose", pose, (4, 4))) > 0.5
-    motion, distance = on_lanes(
-        _nearest, ("pose", jnp.where(usable[..., None, None], pose, identity), (4, 4))
+    # One array of 18 columns, since XLA computes a loop again for each of its outputs.
+    columns = on_lanes(_nearest, ("pose", pose, (4, 4)))
+    motion = columns[..., :16].reshape(*columns.shape[:-1], 4, 4)
+    return Target(motion, columns[..., 16], columns[..., 17] > 0.5)
+
+
+def _nearest(pose: Lanes) -> Lanes:
+    # Unusable input is replaced before anything is computed from it, so that it cannot make a
+    # derivative NaN.
+    usable = _is_near_rotation(pose)
+    given = np.array(
+        [[lanes.select(usable, a, b) for a, b in zip(*rows)] for rows in zip(pose, _IDENTITY)]
     )
+    motion = se3.assemble(so3.orthonormalise_lanes(given[:3, :3]), given[:3, 3])
+    distance = lanes.norm((given - motion).ravel())
     valid = usable & (distance <= POSE_ROTATION)
-    return Target(
-        jnp.where(valid[..., None, None], motion, identity),
-        jnp.where(usable, distance, jnp.inf),
-        valid,
-    )
+    kept = [lanes.select(valid, a, b) for a, b in zip(motion.ravel(), _IDENTITY.ravel())]
+    flags = [lanes.select(usable, distance, jnp.inf), lanes.select(valid, 1.0, 0.0)]
+    return lanes.lanes_of(kept + flags)
 
 
-def _is_near_rotation(pose: Lanes) -> Lane:
-    """1 where the rotation block is near enough to a rotation for `orthonormalise_lanes`."""
+def _is_near_rotation(pose: Lanes) -> lanes.Condition:
+    """Whether all is finite and the rotation block is near enough to a rotation to tell how near."""
     r = pose[:3, :3]
     gram = r @ r.T - lanes.identity(3)
-    near = (lanes.norm(gram.ravel()) < 0.5) & (r[0] @ lanes.cross(r[1], r[2]) > 0.0)
-    finite = near
-    for lane in pose.ravel():
-        finite = finite & (abs(lane) < jnp.inf)
-    return lanes.select(finite, 1.0, 0.0)
+    near = (gram.ravel() @ gram.ravel() < 0.25) & (r[0] @ lanes.cross(r[1], r[2]) > 0.0)
+    for lane in (*pose[:3, 3], *pose[3]):
+        near = near & (abs(lane) < jnp.inf)
+    return near
 
 
-def _nearest(pose: Lanes) -> tuple[Lanes, Lane]:
-    rotation = so3.orthonormalise_lanes(pose[:3, :3])
-    motion = se3.assemble(rotation, pose[:3, 3])
-    return motion, lanes.norm((pose - motion).ravel())
+_IDENTITY = lanes.identity(4)

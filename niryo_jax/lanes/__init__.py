@@ -12,9 +12,11 @@ the textbook, and numpy drives the arithmetic element by element while JAX trace
 
 from niryo_jax.lanes.linalg import (
     cross,
+    dot,
     hat,
     identity,
     norm,
+    orthogonalise,
     outer,
     solve,
     vee,
@@ -32,6 +34,7 @@ from niryo_jax.lanes.scalar import (
     pack,
     select,
     sqrt,
+    store,
     unpack,
 )
 from niryo_jax.lanes.trigonometry import acos, asin, atan2, sincos
@@ -45,6 +48,7 @@ __all__ = [
     "asin",
     "atan2",
     "cross",
+    "dot",
     "hat",
     "identity",
     "lanes_of",
@@ -52,12 +56,14 @@ __all__ = [
     "maximum",
     "minimum",
     "norm",
+    "orthogonalise",
     "outer",
     "pack",
     "select",
     "sincos",
     "solve",
     "sqrt",
+    "store",
     "unpack",
     "vee",
     "volume",

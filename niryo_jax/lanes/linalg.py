@@ -6,12 +6,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from niryo_jax.lanes.scalar import ZERO, Lane, Lanes, lanes_of, select, sqrt
+from niryo_jax.lanes.scalar import ZERO, Lane, Lanes, lanes_of, map_lanes, select, sqrt, store
 
 
 def identity(size: int) -> Lanes:
     """The identity matrix."""
     return lanes_of(np.eye(size))
+
+
+def dot(a: Lanes, b: Lanes) -> Lane:
+    """The inner product; 0 of empty vectors."""
+    return a @ b if len(a) else ZERO
 
 
 def cross(a: Lanes, b: Lanes) -> Lanes:
@@ -81,13 +86,13 @@ def orthogonalise(rows: Lanes, tolerance: float) -> Orthogonal:
     for i in range(count):
         whole = norm(basis[i])
         for j in range(i):
-            lower[i, j] = basis[i] @ basis[j]
+            lower[i, j] = store(basis[i] @ basis[j])
             basis[i] = basis[i] - lower[i, j] * basis[j]
         rest = norm(basis[i])
         independent = rest > tolerance * whole
-        reciprocals[i] = select(independent, 1.0 / select(independent, rest, 1.0), 0.0)
+        reciprocals[i] = store(select(independent, 1.0 / select(independent, rest, 1.0), 0.0))
         lower[i, i] = rest
-        basis[i] = basis[i] * reciprocals[i]
+        basis[i] = map_lanes(store, basis[i] * reciprocals[i])
     return Orthogonal(basis, lower, reciprocals)
 
 
@@ -101,31 +106,31 @@ def volume(rows: Lanes) -> Lane:
 
 
 def solve(matrix: Lanes, rhs: Lanes, damping: Lane | float, tolerance: float) -> Lanes:
-    """x that minimises |A x - b|^2 + damping^2 |x|^2; of least norm where there are several.
+    """x with matrix @ x = rhs: of least norm for m <= n, by least squares for m > n.
 
     Args:
-        matrix: (m, n), any shape and rank.
+        matrix: (m, n), any shape.
         rhs: (m,).
-        damping: 0 gives the pseudo-inverse.
-        tolerance: rows (columns where m > n) that are independent by less than this share
-            are left out, so that nothing becomes infinite at a singularity.
+        damping: d; each pivot r of the triangular factor is divided by as r / (r^2 + d^2), which
+            keeps x small near a singularity and is the exact solution for d = 0.
+        tolerance: a row (a column where m > n) that is independent of those before it by less than
+            this share is left out: the others are solved for, and nothing becomes infinite.
     """
     m, n = matrix.shape
+    wide = m <= n
+    basis, lower, reciprocals = orthogonalise(matrix if wide else matrix.T, tolerance)
     lane = damping if isinstance(damping, Lane) else Lane(float(damping))
-    damped = [] if lane.is_known(0.0) else [lane * identity(min(m, n))]
-    if m <= n:
-        # A x + damping z = b with the least |x|^2 + |z|^2.
-        basis, lower, reciprocals = orthogonalise(np.hstack([matrix, *damped]), tolerance)
+    if not lane.is_known(0.0):
+        square = lane * lane
+        for i, reciprocal in enumerate(reciprocals):
+            reciprocals[i] = reciprocal / (1.0 + square * reciprocal * reciprocal)
+    if wide:
         y = rhs.copy()
         for i in range(m):
-            y[i] = (y[i] - _dot(lower[i, :i], y[:i])) * reciprocals[i]
-        return np.array([_dot(basis[:, j], y) for j in range(n)], dtype=object)
-    basis, lower, reciprocals = orthogonalise(np.vstack([matrix, *damped]).T, tolerance)
-    x = np.array([_dot(basis[i, :m], rhs) for i in range(n)], dtype=object)
+            y[i] = store((y[i] - dot(lower[i, :i], y[:i])) * reciprocals[i], by=reciprocals[i])
+        return basis.T @ y
+    x = basis @ rhs
     for i in reversed(range(n)):
-        x[i] = (x[i] - _dot(lower[i + 1 :, i], x[i + 1 :])) * reciprocals[i]
+        rest = x[i] - dot(lower[i + 1 :, i], x[i + 1 :])
+        x[i] = store(rest * reciprocals[i], by=reciprocals[i])
     return x
-
-
-def _dot(a: Lanes, b: Lanes) -> Lane:
-    return a @ b if len(a) else ZERO

@@ -197,13 +197,38 @@ def minimum(a: Lane | float, b: Lane | float) -> Lane:
 
 
 def sqrt(x: Lane) -> Lane:
-    """The square root of the positive part: 0, with derivative 0, where x <= 0.
+    """The square root of the positive part: 0, with derivative 0, where x <= 0; NaN for NaN.
 
     A caller for whom a negative radicand means "no solution" tests its sign; here it only must
     not become NaN, neither in the value nor in the derivative of a branch not taken.
     """
-    if x.known:
-        return Lane(math.sqrt(max(float(x.value), 0.0)))
-    positive = x.value > 0
-    root = jnp.sqrt(jnp.where(positive, x.value, 1.0))
-    return Lane(jnp.where(positive, root, 0.0))
+    if isinstance(x.value, float):
+        return Lane(0.0 if x.value <= 0 else math.sqrt(x.value))
+    empty = x.value <= 0
+    return Lane(jnp.where(empty, 0.0, jnp.sqrt(jnp.where(empty, 1.0, x.value))))
+
+
+def store(lane: Lane, by: Lane | None = None) -> Lane:
+    """The same lane, computed once and kept in memory where XLA would compute it again for each user.
+
+    XLA on the CPU fuses a cheap value into every loop that uses it, which multiplies the work of a
+    chain of such values; but it never repeats a division. So this is a division by one, written
+    such that it is not simplified away. (An optimization barrier is removed before fusion.)
+
+    The one is 1 + 0 `by`; a lane that must stay linear for a transpose names another lane there.
+    """
+    if lane.known:
+        return lane
+    return Lane(_divide_by_one(lane.value, (lane if by is None else by).value))
+
+
+@jax.custom_jvp
+def _divide_by_one(x: jax.Array, by: jax.Array) -> jax.Array:
+    return x / (1.0 + 0.0 * by)
+
+
+@_divide_by_one.defjvp
+def _divide_by_one_jvp(
+    primals: tuple[jax.Array, jax.Array], tangents: tuple[jax.Array, jax.Array]
+) -> tuple[jax.Array, jax.Array]:
+    return _divide_by_one(*primals), tangents[0] / (1.0 + 0.0 * primals[1])

@@ -181,7 +181,8 @@ def sincos(angle: Lane) -> tuple[Lane, Lane]:
     whose ulp exceeds a radian.
     """
     if isinstance(angle.value, float):
-        return Lane(math.sin(angle.value)), Lane(math.cos(angle.value))
+        known = angle.value if math.isfinite(angle.value) else math.nan
+        return Lane(math.sin(known)), Lane(math.cos(known))
     sin, cos = _sincos(_floating(angle.value))
     return Lane(sin), Lane(cos)
 
@@ -220,7 +221,8 @@ def asin(x: Lane) -> Lane:
 
 def _sine_of_cosine(x: Lane) -> Lane:
     if isinstance(x.value, float):
-        return Lane(math.sqrt((1.0 - x.value) * (1.0 + x.value)))
+        known = (1.0 - x.value) * (1.0 + x.value)
+        return Lane(math.sqrt(known) if known >= 0 else math.nan)
     radicand = (1.0 - x.value) * (1.0 + x.value)
     root = jnp.sqrt(jnp.where(radicand == 0, 1.0, radicand))
     return Lane(jnp.where(radicand == 0, 0.0, root))

@@ -1,0 +1,69 @@
+"""Inverse kinematics of a whole batch: all solutions, their limits, and why there are none.
+
+You learn: that `inverse_kinematics` never raises for a pose it cannot solve, how to read what it
+returns, and how to pick one solution for each pose.
+
+Expected output:
+
+    1000 poses: OUTSIDE_LIMITS 3, SOLVED 997
+    solutions per pose: 1 to 8, within the limits: 0 to 6
+    largest position error 1e-11 m
+    a far pose: The pose cannot be reached: ...
+    nearest to home found for 997 of 1000
+
+All of the 1000 poses have a solution within the limits: the method "seeded" is not complete.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+import niryo_jax as nj
+
+
+class Result(NamedTuple):
+    solved: int
+    largest_error: float
+    far: nj.IKStatus
+    picked: int
+
+
+def main() -> Result:
+    jax.config.update("jax_enable_x64", True)
+    robot = nj.robots.niryo_one()
+
+    # Poses that are reachable for certain: forward kinematics of random joints inside the limits.
+    q = jax.random.uniform(jax.random.key(1), (1000, 6), minval=robot.lower, maxval=robot.upper)
+    poses = nj.forward_kinematics(robot, q)
+    # One more that is not: two metres away.
+    poses = jnp.concatenate([poses, jnp.eye(4).at[0, 3].set(2.0)[None]])
+
+    solutions = nj.inverse_kinematics(robot, poses)
+
+    # Each pose has 16 slots; `found` says which of them hold a solution, the best first.
+    names = [nj.IKStatus(int(status)).name for status in solutions.status[:1000]]
+    summary = ", ".join(f"{name} {names.count(name)}" for name in sorted(set(names)))
+    within = jnp.sum(solutions.within_limits[:1000], axis=-1)
+    print(f"1000 poses: {summary}")
+    print(
+        f"solutions per pose: {solutions.count[:1000].min()} to {solutions.count.max()}, "
+        f"within the limits: {within.min()} to {within.max()}"
+    )
+    # Forward kinematics judges the answers; errors of empty slots are infinite.
+    error = float(jnp.max(jnp.where(solutions.found, solutions.position_error, 0.0)))
+    print(f"largest position error {error:.0e} m")
+    far = nj.IKStatus(int(solutions.status[1000]))
+    print(f"a far pose: {far.message}")
+
+    # One solution per pose: within the limits, and nearest to where the arm is now.
+    _, ok = solutions.nearest(jnp.zeros(6))
+    picked = int(jnp.sum(ok[:1000]))
+    print(f"nearest to home found for {picked} of 1000")
+    return Result(names.count("SOLVED"), error, far, picked)
+
+
+if __name__ == "__main__":
+    main()

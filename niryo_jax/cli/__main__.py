@@ -1,0 +1,5 @@
+"""`python -m niryo_jax.cli`."""
+
+from niryo_jax.cli import main
+
+main()

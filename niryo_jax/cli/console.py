@@ -1,0 +1,38 @@
+"""Results to stdout; whatever else there is to say to stderr."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import AbstractContextManager
+
+from rich.console import Console
+
+# Width of tables that go to a file or to another program.
+_WIDTH = 110
+
+# A pose this far from a rigid motion was rounded by whoever wrote it.
+_ROUNDED = 1e-9
+
+
+def stdout() -> Console:
+    """The console of results."""
+    return Console(width=None if sys.stdout.isatty() else _WIDTH, highlight=False)
+
+
+def stderr() -> Console:
+    """The console of progress and remarks."""
+    return Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def note_rounding(distance: float) -> None:
+    """Remark that a pose was not quite a rigid motion, as rounded numbers are."""
+    if distance > _ROUNDED:
+        stderr().print(
+            f"note: a pose as written is {distance:.1e} (Frobenius norm) away from a rigid motion; "
+            "the nearest one was solved"
+        )
+
+
+def busy(what: str) -> AbstractContextManager[object]:
+    """Show on a terminal that something takes a while."""
+    return stderr().status(f"{what} (the first time JAX compiles, which takes some seconds) ...")

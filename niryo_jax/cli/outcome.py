@@ -1,0 +1,90 @@
+"""How a command ends: exit codes, and errors as one sentence or one JSON document."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from enum import IntEnum
+
+from niryo_jax.hardware import ArgumentRejected, NiryoError, PyniryoMissing
+from niryo_jax.hardware.pick_and_place import StepUnsolvable
+
+
+class ExitCode(IntEnum):
+    """What scripts can rely on."""
+
+    DONE = 0
+    UNEXPECTED = 1
+    USAGE = 2
+    NO_SOLUTION = 3
+    ROBOT = 4
+    MISSING_EXTRA = 5
+    INTERRUPTED = 130
+
+    @property
+    def message(self) -> str:
+        """The meaning, as a phrase."""
+        return _MEANING[self]
+
+
+_MEANING = {
+    ExitCode.DONE: "done",
+    ExitCode.UNEXPECTED: "unexpected error: please report it",
+    ExitCode.USAGE: "wrong arguments, or a pose that is no rigid motion",
+    ExitCode.NO_SOLUTION: "no joint angles within the limits reach the pose",
+    ExitCode.ROBOT: "the robot cannot be reached, refused, or did not get there",
+    ExitCode.MISSING_EXTRA: "an optional package is not installed",
+    ExitCode.INTERRUPTED: "interrupted with Ctrl-C",
+}
+
+
+class Failure(Exception):
+    """A command that ends with another code than DONE.
+
+    Args:
+        message: one sentence for a person.
+        code: the exit code.
+        details: what else the JSON document holds, e.g. the results so far.
+    """
+
+    def __init__(
+        self, message: str, code: ExitCode, details: Mapping[str, object] | None = None
+    ) -> None:
+        super().__init__(message)
+        self.code = code
+        self.details = details or {}
+
+    def report(self, *, as_json: bool) -> int:
+        """Write the error to stderr, or as JSON to stdout, and return the exit code."""
+        if as_json:
+            print_json({"error": str(self), "exit_code": int(self.code), **self.details})
+        else:
+            print(f"error: {self}", file=sys.stderr)
+        return int(self.code)
+
+
+def as_failure(error: Exception) -> Failure:
+    """Any error, as a sentence and an exit code."""
+    match error:
+        case Failure():
+            return error
+        case StepUnsolvable():
+            code = ExitCode.NO_SOLUTION
+        case PyniryoMissing():
+            code = ExitCode.MISSING_EXTRA
+        case ArgumentRejected():
+            code = ExitCode.USAGE
+        case NiryoError():
+            code = ExitCode.ROBOT
+        case _:
+            return Failure(
+                f"unexpected {type(error).__name__}: {error} (NIRYO_JAX_DEBUG=1 shows where)",
+                ExitCode.UNEXPECTED,
+            )
+    return Failure(str(error), code)
+
+
+def print_json(document: Mapping[str, object]) -> None:
+    """Write the one JSON document of a command to stdout."""
+    print(json.dumps(document, allow_nan=False, indent=2), flush=True)

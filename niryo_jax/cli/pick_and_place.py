@@ -1,0 +1,141 @@
+"""`niryo-jax pick-and-place`: Table 2.1, solved and executed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from niryo_jax.cli.console import busy, note_rounding, stderr, stdout
+from niryo_jax.cli.options import JsonOption, RobotName, RobotOption
+from niryo_jax.cli.outcome import Failure, as_failure, print_json
+from niryo_jax.cli.progress import StepProgress
+from niryo_jax.cli.tables import millimetres, plan_table, records_table
+from niryo_jax.hardware import NiryoArm, NiryoError, SimulatedNiryo, pyniryo_version
+from niryo_jax.hardware.pick_and_place import (
+    OBJECT_START,
+    Plan,
+    PlannedStep,
+    StepRecord,
+    execute,
+    plan,
+)
+
+
+def pick_and_place(
+    host: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST[:PORT]", help="The robot to drive; a simulated one where not given."
+        ),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Solve and show the plan; move nothing.")
+    ] = False,
+    speed: Annotated[
+        int | None,
+        typer.Option(
+            min=1, max=100, help="Percent of the largest speed, for all moves (else 70 and 30)."
+        ),
+    ] = None,
+    tool: Annotated[str, typer.Option(help="The tool that must be on the arm.")] = "gripper_1",
+    time_scale: Annotated[
+        float | None,
+        typer.Option(min=0.01, help="How many times faster the simulated robot moves (else 1)."),
+    ] = None,
+    robot: RobotOption = RobotName.NIRYO_ONE,
+    as_json: JsonOption = False,
+) -> None:
+    """Solve the ten-step pick-and-place of the paper's Table 2.1 and let a robot execute it.
+
+    Without --host a simulated robot does it, driven by pyniryo over the robot's own protocol.
+    """
+    if time_scale is not None and (host is not None or dry_run):
+        raise typer.BadParameter("--time-scale is for the simulated robot, when it moves")
+    if tool not in robot.model.tools:
+        known = ", ".join(robot.model.tools)
+        raise typer.BadParameter(f"--tool: {robot.value} has {known}; got {tool!r}")
+    if not dry_run:
+        pyniryo_version()  # That it is missing should not be told after seconds of compiling.
+    with busy("Solving the five poses in one batch"):
+        planned = plan(robot.model.robot(), percent=speed)
+    note_rounding(max(step.pose_distance or 0.0 for step in planned.steps))
+    if dry_run:
+        if as_json:
+            print_json(_document(planned))
+        else:
+            stdout().print(plan_table(planned))
+    elif host is not None:
+        stderr().print(
+            f"Driving the {robot.value} at {host}: it is calibrated if it asks for that, opens "
+            f"{tool} and carries out ten steps; Ctrl-C ends after the move under way."
+        )
+        _run(planned, host, tool, None, as_json)
+    else:
+        with SimulatedNiryo(robot.model, time_scale=time_scale or 1.0, tool=tool) as simulated:
+            simulated.place_object(OBJECT_START)
+            stderr().print(f"Driving a simulated {robot.value} at {simulated.address}")
+            _run(planned, simulated.address, tool, simulated, as_json)
+
+
+def _run(
+    planned: Plan, host: str, tool: str, simulated: SimulatedNiryo | None, as_json: bool
+) -> None:
+    """Execute the plan and show what became of it, also where it ends early."""
+    progress = StepProgress(planned, simulated)
+    failure: Failure | None = None
+    try:
+        with NiryoArm(host, robot=planned.robot) as arm:
+            arm.calibrate()
+            arm.use_tool(tool)
+            arm.release()
+            with progress:
+                execute(planned, arm, progress.advance)
+    except NiryoError as error:
+        failure = as_failure(error)
+    document = _document(planned, host, progress.records)
+    position = None if simulated is None else simulated.object_position
+    document["object_position_m"] = None if position is None else position.tolist()
+    if not as_json and progress.records:
+        stdout().print(records_table(progress.records))
+        if position is not None:
+            stdout().print(f"The object is at ({millimetres(position)}) mm.")
+    if failure is not None:
+        raise Failure(str(failure), failure.code, document)
+    if as_json:
+        print_json(document)
+
+
+def _document(
+    planned: Plan, host: str | None = None, records: Sequence[StepRecord] = ()
+) -> dict[str, object]:
+    steps = [_step_document(number, step) for number, step in enumerate(planned.steps, start=1)]
+    for step, record in zip(steps, records, strict=False):
+        step |= {
+            "joints_read_rad": record.reached.tolist(),
+            "reached_error_m": record.position_error,
+            "seconds": record.seconds,
+        }
+    return {
+        "robot": planned.robot.name,
+        "host": host,
+        "steps_done": len(records),
+        "steps": steps,
+    }
+
+
+def _step_document(number: int, planned: PlannedStep) -> dict[str, object]:
+    """A step as planned; a gripper step has neither a target nor a speed."""
+    step = planned.step
+    document: dict[str, object] = {"step": number, "title": step.title, "action": step.action}
+    if step.pose is not None:
+        document |= {
+            "speed_percent": step.percent,
+            "target_pose": step.pose.tolist(),
+            "target_position_m": step.pose[:3, 3].tolist(),
+            "pose_distance": planned.pose_distance,
+            "joints_sent_rad": planned.joints.tolist(),
+            "planned_error_m": planned.position_error,
+        }
+    return document

@@ -1,0 +1,110 @@
+"""What the commands show to people."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+from rich import box
+from rich.table import Table
+
+from niryo_jax.cli.options import in_unit
+from niryo_jax.hardware.pick_and_place import Plan, PlannedStep, StepRecord
+from niryo_jax.ik import IKSolutions
+from niryo_jax.robot import Robot
+
+
+def angles(q: ArrayLike, degrees: bool, width: int = 0) -> str:
+    """Joint angles (n,) in radians, in the unit to show."""
+    decimals = 2 if degrees else 4
+    # Adding 0.0 turns the negative zero that rounding leaves into a positive one.
+    rounded = np.round(in_unit(q, degrees), decimals) + 0.0
+    return " ".join(f"{value:{width}.{decimals}f}" for value in rounded)
+
+
+def millimetres(position: ArrayLike, decimals: int = 1) -> str:
+    """A position (3,) in metres, as numbers of millimetres."""
+    rounded = np.round(np.asarray(position) * 1e3, decimals) + 0.0
+    return ", ".join(f"{value:.{decimals}f}" for value in rounded)
+
+
+def unit_name(degrees: bool) -> str:
+    """The abbreviation of the unit of angles."""
+    return "deg" if degrees else "rad"
+
+
+def solutions_table(robot: Robot, solutions: IKSolutions, degrees: bool) -> Table:
+    """The solutions of one pose, best first."""
+    table = new_table(f"Solutions, angles in {unit_name(degrees)}")
+    table.add_column("", justify="right")
+    for name in robot.joint_names:
+        table.add_column(name, justify="right")
+    table.add_column("within limits")
+    table.add_column("error (m)", justify="right")
+    for slot in np.flatnonzero(np.asarray(solutions.found)):
+        row = angles(solutions.q[slot], degrees).split()
+        within = "yes" if solutions.within_limits[slot] else "no"
+        error = f"{float(solutions.position_error[slot]):.0e}"
+        table.add_row(str(slot + 1), *row, within, error)
+    return table
+
+
+def plan_table(plan: Plan) -> Table:
+    """The steps of a task before it is executed."""
+    table = _steps_table("Plan")
+    for number, planned in enumerate(plan.steps, start=1):
+        table.add_row(
+            str(number),
+            planned.step.title,
+            _target(planned),
+            angles(planned.joints, degrees=True, width=7),
+            _error(planned.position_error),
+            f"{planned.step.percent} %" if planned.step.action == "move" else "",
+        )
+    table.columns[3].header = "joints (deg)"
+    table.columns[5].header = "speed"
+    return table
+
+
+def records_table(records: Sequence[StepRecord]) -> Table:
+    """The steps of a task after it was executed."""
+    table = _steps_table("Executed")
+    for number, record in enumerate(records, start=1):
+        planned = record.planned
+        sent = (
+            angles(planned.joints, degrees=True, width=7) if planned.step.pose is not None else ""
+        )
+        table.add_row(
+            str(number),
+            planned.step.title,
+            _target(planned),
+            f"{sent}\n{angles(record.reached, degrees=True, width=7)}".strip("\n"),
+            _error(record.position_error),
+            f"{record.seconds:.2f}",
+        )
+    return table
+
+
+def new_table(title: str) -> Table:
+    """An empty table in the style of all."""
+    return Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+
+
+def _steps_table(title: str) -> Table:
+    table = new_table(title)
+    table.add_column("", justify="right")
+    table.add_column("step", max_width=18)
+    table.add_column("target (mm)", justify="right", no_wrap=True)
+    table.add_column("joints sent, below read back (deg)", no_wrap=True)
+    table.add_column("error\n(mm)", justify="right", no_wrap=True)
+    table.add_column("time\n(s)", justify="right", no_wrap=True)
+    return table
+
+
+def _target(planned: PlannedStep) -> str:
+    return "" if planned.step.pose is None else millimetres(planned.step.pose[:3, 3], decimals=0)
+
+
+def _error(metres: float | None) -> str:
+    return "" if metres is None else f"{metres * 1e3:.3f}"
