@@ -37,9 +37,7 @@ def forward_kinematics(robot: Robot, q: ArrayLike) -> jax.Array:
 
 @on_robot
 def _forward_kinematics(geometry: Geometry, q: ArrayLike) -> jax.Array:
-    return on_lanes(
-        lambda q: se3.assemble(*tool_motion(geometry, q)), ("q", q, (geometry.joints,))
-    )
+    return on_lanes(lambda q: se3.assemble(*tool_motion(geometry, q)), ("q", q, (geometry.joints,)))
 
 
 def link_poses(robot: Robot, q: ArrayLike, homes: ArrayLike | None = None) -> jax.Array:

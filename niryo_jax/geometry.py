@@ -23,6 +23,7 @@ from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.robot import Robot, is_concrete
 from niryo_jax.tolerances import PITCH
 
+
 class Pattern(NamedTuple):
     """Which numbers of a robot's screws and home pose are known to a program (None: arguments)."""
 
@@ -144,5 +145,3 @@ def on_robot(function: Callable[..., Result]) -> Callable[..., Result]:
         return concrete(pattern, static, jnp.asarray(rest), *arrays)
 
     return public
-
-

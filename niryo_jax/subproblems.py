@@ -24,7 +24,7 @@ from niryo_jax import lanes
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import Edge, on_lanes
 from niryo_jax.lie import so3
-from niryo_jax.tolerances import AXES_PARALLEL, SUBPROBLEM_COINCIDENCE, SUBPROBLEM_RESIDUAL
+from niryo_jax.tolerances import SUBPROBLEM_COINCIDENCE, SUBPROBLEM_PARALLEL, SUBPROBLEM_RESIDUAL
 
 
 class SubproblemKind(IntEnum):
@@ -210,9 +210,7 @@ def _flag(condition: lanes.Condition) -> Lane:
     return lanes.select(condition, 1.0, 0.0)
 
 
-def _kind(
-    solved: lanes.Condition, tangent: lanes.Condition, infinite: lanes.Condition
-) -> Lane:
+def _kind(solved: lanes.Condition, tangent: lanes.Condition, infinite: lanes.Condition) -> Lane:
     several = lanes.select(tangent, float(SubproblemKind.TANGENT), float(SubproblemKind.FINITE))
     several = lanes.select(infinite, float(SubproblemKind.INFINITE), several)
     return lanes.select(solved, several, float(SubproblemKind.NONE))
@@ -276,7 +274,8 @@ def paden_kahan_2_lanes(screw_1: Lanes, screw_2: Lanes, p: Lanes, k: Lanes) -> S
     between = second.point - first.point
     apart, _ = _off_axis(first, second.point)
     normal = lanes.cross(w1, w2)
-    parallel = normal @ normal <= AXES_PARALLEL * AXES_PARALLEL
+    sine = SUBPROBLEM_PARALLEL.of(jnp.result_type(scale.residual.value))
+    parallel = normal @ normal <= sine * sine
     coincident = parallel & (lanes.norm(apart) <= scale.coincidence)
     p_on_axis = lanes.norm(_off_axis(second, p)[0]) <= scale.coincidence
     k_on_axis = lanes.norm(_off_axis(first, k)[0]) <= scale.coincidence
@@ -289,8 +288,10 @@ def paden_kahan_2_lanes(screw_1: Lanes, screw_2: Lanes, p: Lanes, k: Lanes) -> S
     tangent = flat <= scale.coincidence
     half = _choose(tangent, 0.0 * half, half)
     # Where p or k does not move under its own rotation, the point between is known exactly.
-    fixed = [_choose(coincident | p_on_axis, p, _choose(k_on_axis, k, c)) for c in
-             (middle - half, middle + half)]
+    fixed = [
+        _choose(coincident | p_on_axis, p, _choose(k_on_axis, k, c))
+        for c in (middle - half, middle + half)
+    ]
     infinite = coincident | p_on_axis | k_on_axis
     angles, residuals = [], []
     for c in fixed:

@@ -59,3 +59,6 @@ SAME_SOLUTION = ByDtype(1e-6, 1e-3)
 
 LIMIT_ROUNDING = ByDtype(1e-9, 1e-5)
 """A joint beyond its limit by less than this (radians) is at its limit."""
+
+SUBPROBLEM_PARALLEL = ByDtype(1e-9, 1e-5)
+"""The two axes of a subproblem are parallel where the sine of their angle is below this."""

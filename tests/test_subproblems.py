@@ -77,7 +77,9 @@ def test_residual_is_how_far_the_angles_miss(name):
     angles = np.asarray(answer.angles)
     if name == "PK1":
         screw, p, k = arguments
-        missed = np.linalg.norm(rotated(screw[:, None], angles[..., 0], p[:, None]) - k[:, None], axis=-1)
+        missed = np.linalg.norm(
+            rotated(screw[:, None], angles[..., 0], p[:, None]) - k[:, None], axis=-1
+        )
     elif name == "PK3":
         screw, p, k, distance = arguments
         moved = rotated(screw[:, None], angles[..., 0], p[:, None])
@@ -85,7 +87,9 @@ def test_residual_is_how_far_the_angles_miss(name):
     else:
         first, second, p, k = arguments
         moved = rotated(second[:, None], angles[..., 1], p[:, None])
-        missed = np.linalg.norm(rotated(first[:, None], angles[..., 0], moved) - k[:, None], axis=-1)
+        missed = np.linalg.norm(
+            rotated(first[:, None], angles[..., 0], moved) - k[:, None], axis=-1
+        )
     np.testing.assert_allclose(answer.residual, missed, atol=1e-14, rtol=1e-12)
     assert np.asarray(answer.residual)[np.asarray(answer.valid)].max() < 1e-12
     assert np.all((angles > -np.pi) & (angles <= np.pi))

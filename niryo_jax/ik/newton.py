@@ -154,9 +154,7 @@ def error_twist(
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _solve(
-    options: _Options, geometry: Geometry, target: jax.Array, q0: jax.Array
-) -> NewtonResult:
+def _solve(options: _Options, geometry: Geometry, target: jax.Array, q0: jax.Array) -> NewtonResult:
     batch = q0.shape[:-1]
     size = math.prod(batch)
     if size <= _BLOCK or jax.default_backend() != "cpu":
@@ -190,7 +188,10 @@ def _iterate(
     def body(state: _State) -> _State:
         q = np.array([Lane(value) for value in state.q], dtype=object)
         twist, jacobian, position_error = error_twist(geometry, target_lanes, q, options.frame)
-        jacobian, twist = lanes.map_lanes(lanes.store, jacobian), lanes.map_lanes(lanes.store, twist)
+        jacobian, twist = (
+            lanes.map_lanes(lanes.store, jacobian),
+            lanes.map_lanes(lanes.store, twist),
+        )
         rotation_error = lanes.norm(twist[:3])
         converged = (position_error <= position_tolerance) & (rotation_error <= rotation_tolerance)
         stay = converged | (state.count == options.max_iterations)
@@ -276,9 +277,11 @@ def _solve_jvp(
 
     dq = on_lanes(rates, ("q", q, (n,)), ("rate", jnp.where(converged, rate, 0.0), (6,)))
     zero = jax.tree.map(
-        lambda x: jnp.zeros(x.shape, x.dtype)
-        if jnp.issubdtype(x.dtype, jnp.floating)
-        else np.zeros(x.shape, jax.dtypes.float0),
+        lambda x: (
+            jnp.zeros(x.shape, x.dtype)
+            if jnp.issubdtype(x.dtype, jnp.floating)
+            else np.zeros(x.shape, jax.dtypes.float0)
+        ),
         result,
     )
     return result, zero._replace(q=jnp.where(converged, dq, 0.0))

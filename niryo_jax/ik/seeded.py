@@ -217,7 +217,9 @@ def _collect(
 
     def ranked(x: jax.Array, empty: float) -> jax.Array:
         index = order.reshape(order.shape + (1,) * (x.ndim - order.ndim))
-        rest = jnp.full((*x.shape[: order.ndim - 1], SLOTS - BRANCHES, *x.shape[order.ndim :]), empty)
+        rest = jnp.full(
+            (*x.shape[: order.ndim - 1], SLOTS - BRANCHES, *x.shape[order.ndim :]), empty
+        )
         best_first = jnp.take_along_axis(x, index, axis=order.ndim - 1)
         return jnp.concatenate([best_first, rest.astype(x.dtype)], axis=order.ndim - 1)
 

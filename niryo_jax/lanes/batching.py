@@ -47,9 +47,7 @@ def on_lanes(function: Callable[..., Any], *edges: Edge) -> Any:
     batch = jnp.broadcast_shapes(
         *(array.shape[: array.ndim - len(shape)] for (_, _, shape), array in zip(edges, arrays))
     )
-    lanes = [
-        unpack(array.astype(dtype), len(shape)) for (_, _, shape), array in zip(edges, arrays)
-    ]
+    lanes = [unpack(array.astype(dtype), len(shape)) for (_, _, shape), array in zip(edges, arrays)]
     result = function(*lanes)
 
     def pack_one(value: Lane | Lanes) -> jax.Array:

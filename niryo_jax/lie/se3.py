@@ -114,9 +114,7 @@ class ScrewAxis(NamedTuple):
 
 
 @jax.jit
-def screw_from_axis(
-    point: ArrayLike, direction: ArrayLike, pitch: ArrayLike = 0.0
-) -> jax.Array:
+def screw_from_axis(point: ArrayLike, direction: ArrayLike, pitch: ArrayLike = 0.0) -> jax.Array:
     """The unit screw about a line: (..., 3), (..., 3), (...,) -> (..., 6) (Lynch & Park, eq. 3.81).
 
     `direction` need not be of unit length, but must not be zero. An infinite pitch is the
