@@ -126,7 +126,7 @@ def pose_and_jacobian(
 
 
 def manipulability(robot: Robot, q: ArrayLike, part: Part = "all") -> jax.Array:
-    """Yoshikawa's measure sqrt(det(J J^T)): the volume of the manipulability ellipsoid, 0 where singular.
+    """Yoshikawa's measure sqrt(det(J J^T)): the volume of the ellipsoid, 0 where singular.
 
     Args:
         robot: the arm.
@@ -205,7 +205,7 @@ def singular_values(
 def condition_number(
     robot: Robot, q: ArrayLike, part: Part = "all", *, length: float = 1.0
 ) -> jax.Array:
-    """The ratio of the largest to the smallest singular value of the body Jacobian; inf if singular.
+    """Largest over smallest singular value of the body Jacobian; infinite where singular.
 
     Arguments, shapes and errors as `singular_values`; returns (...,).
     """

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
+from jax.core import Tracer
+from numpy.typing import ArrayLike
 
 from niryo_jax.tolerances import MOTION, SCREW_NORM
 
@@ -26,7 +27,7 @@ def _as_leaf(value: ArrayLike) -> Array:
 
 def is_concrete(*values: object) -> bool:
     """Whether every value is known now, rather than traced by a JAX transformation."""
-    return not any(isinstance(value, jax.core.Tracer) for value in values)
+    return not any(isinstance(value, Tracer) for value in values)
 
 
 @jax.tree_util.register_dataclass
@@ -59,7 +60,7 @@ class Robot:
 
     @property
     def body_screws(self) -> Array:
-        """(n, 6) the same screws in the tool frame at home, B = Ad_{M^-1} S (Lynch & Park, 4.1.3)."""
+        """(n, 6) the screws in the tool frame at home, Ad_{M^-1} S (Lynch & Park, 4.1.3)."""
         xp = np if is_concrete(self.screws, self.home) else jnp
         rotation, position = self.home[:3, :3], self.home[:3, 3]
         w, v = self.screws[:, :3], self.screws[:, 3:]

@@ -167,8 +167,11 @@ MODELS: Mapping[str, NiryoModel] = {m.name: m for m in (NIRYO_ONE, NIRYO_NED, NI
 
 
 def niryo_one(limits: str = "ned_ros") -> Robot:
-    """The Niryo One. `limits` names the source: "ned_ros" (the paper's Table 3.1) or "niryo_one_ros"
-    (command validation of the robot's original system, hardware version 2)."""
+    """The Niryo One.
+
+    `limits` names their source: "ned_ros" (as in the paper's Table 3.1), or "niryo_one_ros", the
+    command validation of the robot's original system, hardware version 2.
+    """
     return NIRYO_ONE.robot(limits)
 
 

@@ -6,6 +6,7 @@ Found once, in numpy, from the numbers of the robot; the solver that fits is cho
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from enum import Enum
 
 import numpy as np
@@ -137,7 +138,7 @@ def describe(robot: Robot) -> str:
             f"  {name}: {kind}, along {_vector(direction)}{place}, "
             f"{low * scale:.2f} to {high * scale:.2f} {unit}"
         )
-    for i, (first, second) in enumerate(zip(screws, screws[1:])):
+    for i, (first, second) in enumerate(itertools.pairwise(screws)):
         if "prismatic" in kinds[i : i + 2]:
             continue
         how = relation(first, second)

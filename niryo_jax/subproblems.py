@@ -281,11 +281,10 @@ def paden_kahan_2_lanes(screw_1: Lanes, screw_2: Lanes, p: Lanes, k: Lanes) -> S
     k_on_axis = lanes.norm(_off_axis(first, k)[0]) <= scale.coincidence
     in_plane = _circles_in_a_plane(first, second, p, k)
     on_sphere = _circles_on_a_sphere(first, second, p, k, between, normal, parallel)
-    middle, half, flat = (
-        lanes.select(parallel, a, b) if isinstance(a, Lane) else _choose(parallel, a, b)
-        for a, b in zip(in_plane, on_sphere)
-    )
-    tangent = flat <= scale.coincidence
+    middle = _choose(parallel, in_plane.middle, on_sphere.middle)
+    half = _choose(parallel, in_plane.half, on_sphere.half)
+    overlap = lanes.select(parallel, in_plane.overlap, on_sphere.overlap)
+    tangent = overlap <= scale.coincidence
     half = _choose(tangent, 0.0 * half, half)
     # Where p or k does not move under its own rotation, the point between is known exactly.
     fixed = [
@@ -309,9 +308,15 @@ def paden_kahan_2_lanes(screw_1: Lanes, screw_2: Lanes, p: Lanes, k: Lanes) -> S
     )
 
 
-_Crossing = tuple[Lanes, Lanes, Lane]
-"""Where two circles cross: middle of the two points, half their difference, and a length that is
-positive by how much the circles overlap."""
+class _Crossing(NamedTuple):
+    """Where two circles cross: middle and half the difference of the two points.
+
+    The overlap is a length, positive where the circles cross.
+    """
+
+    middle: Lanes
+    half: Lanes
+    overlap: Lane
 
 
 def _circles_on_a_sphere(
@@ -335,7 +340,8 @@ def _circles_on_a_sphere(
     rest = 0.5 * (u @ u + v @ v) - flat @ flat
     size = lanes.sqrt(u @ u)
     gamma = lanes.sqrt(rest / sine)
-    return center + flat, gamma * normal, rest / lanes.select(size > 0.0, size, 1.0)
+    overlap = rest / lanes.select(size > 0.0, size, 1.0)
+    return _Crossing(center + flat, normal * gamma, overlap)
 
 
 def _circles_in_a_plane(first: _Axis, second: _Axis, p: Lanes, k: Lanes) -> _Crossing:
@@ -352,7 +358,7 @@ def _circles_in_a_plane(first: _Axis, second: _Axis, p: Lanes, k: Lanes) -> _Cro
     center = second.point + height * second.direction
     length = lanes.sqrt(square)
     across = lanes.cross(second.direction, gap)
-    return center + share * gap, height_of_crossing * across, rest * length
+    return _Crossing(center + gap * share, across * height_of_crossing, rest * length)
 
 
 def _choose(condition: lanes.Condition, if_true: Lanes, if_false: Lanes) -> Lanes:

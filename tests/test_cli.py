@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib.metadata
 import importlib.util
 import json
@@ -311,19 +310,10 @@ def test_dry_run_prints_the_plan_and_needs_no_pyniryo(as_json, cli, monkeypatch)
     assert "7.9e-04" in err
 
 
-def test_an_arm_that_cannot_do_it_ends_with_3(cli, monkeypatch):
-    monkeypatch.setattr(
-        "niryo_jax.cli.options.MODELS",
-        {"niryo_one": _shortened(nj.robots.NIRYO_ONE)},
-    )
-    code, _, err = cli("pick-and-place", "--dry-run")
+def test_an_arm_that_cannot_do_it_ends_with_3(cli):
+    code, _, err = cli("pick-and-place", "--dry-run", "--robot", "niryo_ned2")
     assert code == 3
-    assert err.startswith("error: step 1 (Starting position)")
-
-
-def _shortened(model):
-    limits = {"none": ((3.0, 3.1),) * 6}
-    return dataclasses.replace(model, limits_deg=limits)
+    assert err.startswith("error: step 1 (Starting position) of niryo_ned2: The pose can be")
 
 
 @needs_pyniryo

@@ -200,5 +200,5 @@ def test_wrong_use_is_refused_by_name(niryo, rng):
         nj.inverse_kinematics(random, POSES[0])
     with pytest.raises(TypeError, match="Close over the robot"):
         jax.jit(nj.inverse_kinematics)(niryo, POSES[0])
-    with pytest.raises(TypeError, match="expected a niryo_jax.Robot, got str"):
+    with pytest.raises(TypeError, match=r"expected a niryo_jax\.Robot, got str"):
         nj.forward_kinematics("niryo_one", np.zeros(6))

@@ -194,23 +194,23 @@ def _iterate(
         )
         rotation_error = lanes.norm(twist[:3])
         converged = (position_error <= position_tolerance) & (rotation_error <= rotation_tolerance)
-        stay = converged | (state.count == options.max_iterations)
+        stay = converged | (state.steps == options.max_iterations)
         dq = _step(options, jacobian, twist, dtype)
         return _State(
-            count=state.count + 1,
-            q=[lanes.select(stay, a, a + b).value for a, b in zip(q, dq)],
-            converged=converged,
+            steps=state.steps + 1,
+            q=[lanes.select(stay, a, a + b).array for a, b in zip(q, dq)],
+            converged=jnp.asarray(converged),
             iterations=jnp.where(stay, state.iterations, state.iterations + 1),
-            position_error=position_error.value,
-            rotation_error=rotation_error.value,
+            position_error=position_error.array,
+            rotation_error=rotation_error.array,
         )
 
     def unfinished(state: _State) -> jax.Array:
-        return (state.count <= options.max_iterations) & ~jnp.all(state.converged)
+        return (state.steps <= options.max_iterations) & ~jnp.all(state.converged)
 
     batch = q0.shape[:-1]
     start = _State(
-        count=jnp.int32(0),
+        steps=jnp.int32(0),
         q=[q0[..., i] for i in range(n)],
         converged=jnp.zeros(batch, bool),
         iterations=jnp.zeros(batch, jnp.int32),
@@ -228,7 +228,7 @@ def _iterate(
 
 
 class _State(NamedTuple):
-    count: jax.Array
+    steps: jax.Array
     q: list[jax.Array]
     converged: jax.Array
     iterations: jax.Array

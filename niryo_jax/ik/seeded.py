@@ -57,7 +57,7 @@ class SeededBranches(NamedTuple):
         guess: (..., 8, n) joint vectors of the arm with a spherical wrist.
         exact: (..., 8) whether the guess solves that arm, rather than being its closest approach.
         guess_error: (..., 8) metres by which the guess misses the target on the true arm.
-        shoulder_distance: (...,) from the shoulder to the target's axis 6, beside the wrist; metres.
+        shoulder_distance: (...,) metres from the shoulder to the target's axis 6, at the wrist.
         newton: the refinement of each, with leading shape (..., 8).
     """
 

@@ -63,8 +63,8 @@ _BRANCH = {
     BranchStatus.OUTSIDE_LIMITS: "A solution, but a joint is outside its limits.",
     BranchStatus.DUPLICATE: "Dropped: Newton-Raphson ended at the solution of another branch.",
     BranchStatus.NOT_CONVERGED: "Dropped: Newton-Raphson did not converge from this guess.",
-    BranchStatus.NO_GUESS: "Dropped: the arm with a spherical wrist has no solution in this branch, "
-    "and Newton-Raphson did not converge from its closest approach.",
+    BranchStatus.NO_GUESS: "Dropped: the arm with a spherical wrist has no solution in this "
+    "branch, and Newton-Raphson did not converge from its closest approach.",
     BranchStatus.EMPTY: "No branch belongs to this slot.",
 }
 

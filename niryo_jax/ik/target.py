@@ -55,7 +55,7 @@ def _nearest(pose: Lanes) -> Lanes:
 
 
 def _is_near_rotation(pose: Lanes) -> lanes.Condition:
-    """Whether all is finite and the rotation block is near enough to a rotation to tell how near."""
+    """Whether all is finite and the rotation block is nearly a rotation."""
     r = pose[:3, :3]
     gram = r @ r.T - lanes.identity(3)
     near = (gram.ravel() @ gram.ravel() < 0.25) & (r[0] @ lanes.cross(r[1], r[2]) > 0.0)

@@ -38,7 +38,8 @@ def on_lanes(function: Callable[..., Any], *edges: Edge) -> Any:
     """Call `function` with the lanes of each array and pack what it returns.
 
     The batch axes of the arrays (and of any lanes that the function brings along) broadcast against
-    each other and return in front of the results; the dtype is that of the arrays. The function returns lanes, a lane, or a tuple of these.
+    each other and return in front of the results; the dtype is that of the arrays. The function
+    returns lanes, a lane, or a tuple of these.
     """
     arrays = [as_floating(name, value) for name, value, _ in edges]
     for (name, _, shape), array in zip(edges, arrays):

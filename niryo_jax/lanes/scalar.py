@@ -37,6 +37,11 @@ class Lane:
         self.value = value
 
     @property
+    def array(self) -> jax.Array:
+        """The value as an array, also where it is known."""
+        return jnp.asarray(self.value)
+
+    @property
     def known(self) -> bool:
         """Whether this is a number that is known while tracing."""
         return isinstance(self.value, float)
@@ -162,7 +167,7 @@ def unpack(array: jax.Array | np.ndarray, axes: int = 1) -> Lanes:
     return out
 
 
-def pack(lanes: Lanes, batch: tuple[int, ...], dtype: npt.DTypeLike) -> jax.Array:
+def pack(lanes: Lanes, batch: tuple[int, ...], dtype: jax.typing.DTypeLike) -> jax.Array:
     """The array of shape `batch + lanes.shape` whose last axes are the lanes."""
     if lanes.size > _SELECT_COLUMNS and lanes.ndim > 1:
         return jnp.stack([pack(part, batch, dtype) for part in lanes], axis=len(batch))
@@ -209,7 +214,7 @@ def sqrt(x: Lane) -> Lane:
 
 
 def store(lane: Lane, by: Lane | None = None) -> Lane:
-    """The same lane, computed once and kept in memory where XLA would compute it again for each user.
+    """The same lane, computed once and kept, where XLA would compute it again for each user.
 
     XLA on the CPU fuses a cheap value into every loop that uses it, which multiplies the work of a
     chain of such values; but it never repeats a division. So this is a division by one, written

@@ -183,7 +183,7 @@ def sincos(angle: Lane) -> tuple[Lane, Lane]:
     if isinstance(angle.value, float):
         known = angle.value if math.isfinite(angle.value) else math.nan
         return Lane(math.sin(known)), Lane(math.cos(known))
-    sin, cos = _sincos(_floating(angle.value))
+    sin, cos = _sincos(angle.array)
     return Lane(sin), Lane(cos)
 
 
@@ -195,7 +195,7 @@ def atan2(y: Lane | float, x: Lane | float) -> Lane:
     y, x = as_lane(y), as_lane(x)
     if isinstance(y.value, float) and isinstance(x.value, float):
         return Lane(math.atan2(y.value, x.value))
-    dtype = jnp.result_type(y.value, x.value, jnp.float32 if _is_integer(y, x) else x.value)
+    dtype = jnp.result_type(y.value, x.value)
     shape = jnp.broadcast_shapes(jnp.shape(y.value), jnp.shape(x.value))
     y_array, x_array = (
         jnp.broadcast_to(jnp.asarray(value, dtype), shape) for value in (y.value, x.value)
@@ -226,14 +226,3 @@ def _sine_of_cosine(x: Lane) -> Lane:
     radicand = (1.0 - x.value) * (1.0 + x.value)
     root = jnp.sqrt(jnp.where(radicand == 0, 1.0, radicand))
     return Lane(jnp.where(radicand == 0, 0.0, root))
-
-
-def _is_integer(*lanes: Lane) -> bool:
-    return all(
-        isinstance(lane.value, float) or not jnp.issubdtype(lane.value.dtype, jnp.floating)
-        for lane in lanes
-    )
-
-
-def _floating(value: jax.Array) -> jax.Array:
-    return value if jnp.issubdtype(value.dtype, jnp.floating) else value.astype(float)

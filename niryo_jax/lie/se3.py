@@ -123,12 +123,12 @@ def screw_from_axis(point: ArrayLike, direction: ArrayLike, pitch: ArrayLike = 0
 
     def screw(q: Lanes, s: Lanes, h: Lanes) -> Lanes:
         axis = s * (1.0 / lanes.norm(s))
-        translation = Lane(jnp.isinf(h[0].value))
-        finite = lanes.select(translation.value, 0.0, h[0])
+        translation = abs(h[0]) >= jnp.inf
+        finite = lanes.select(translation, 0.0, h[0])
         v = lanes.cross(q, axis) + finite * axis
         return lanes.lanes_of(
-            [lanes.select(translation.value, 0.0, w) for w in axis]
-            + [lanes.select(translation.value, w, x) for w, x in zip(axis, v)]
+            [lanes.select(translation, 0.0, w) for w in axis]
+            + [lanes.select(translation, w, x) for w, x in zip(axis, v)]
         )
 
     return on_lanes(

@@ -31,7 +31,7 @@ def hat(w: ArrayLike) -> jax.Array:
 
 @jax.jit
 def vee(matrix: ArrayLike) -> jax.Array:
-    """The vector of the skew-symmetric part of a matrix, inverse of `hat`: (..., 3, 3) -> (..., 3)."""
+    """The vector of the skew-symmetric part, inverse of `hat`: (..., 3, 3) -> (..., 3)."""
     return on_lanes(lanes.vee, ("matrix", matrix, (3, 3)))
 
 
@@ -43,7 +43,7 @@ def inverse(rotation: ArrayLike) -> jax.Array:
 
 @jax.jit
 def exp(w: ArrayLike) -> jax.Array:
-    """The rotation by |w| radians about w: (..., 3) -> (..., 3, 3) (Rodrigues; Lynch & Park, eq. 3.51)."""
+    """The rotation by |w| radians about w: (..., 3) -> (..., 3, 3) (Lynch & Park, eq. 3.51)."""
     return on_lanes(exp_lanes, ("w", w, (3,)))
 
 
@@ -153,7 +153,7 @@ def quaternion_lanes(rotation: Lanes) -> tuple[Lane, Lanes]:
 
 
 class LogLanes(NamedTuple):
-    """A rotation vector, its angle squared, and the half-angle cotangent's factor of SE(3)'s log."""
+    """A rotation vector, its angle squared, and (t/2) cot(t/2) of its angle t."""
 
     vector: Lanes
     square: Lane
@@ -161,7 +161,7 @@ class LogLanes(NamedTuple):
 
 
 def log_parts(rotation: Lanes) -> LogLanes:
-    """`log` on lanes, with (t/2) cot(t/2) = t w / (2 |v|) of the quaternion (w, v)."""
+    """`log` and its companions on lanes; cot(t/2) = w / |v| of the quaternion (w, v)."""
     scalar, vector = quaternion_lanes(rotation)
     square = vector @ vector
     small = square < 0.01
@@ -173,7 +173,7 @@ def log_parts(rotation: Lanes) -> LogLanes:
         series = 1.0 / k - x * series
     length = lanes.sqrt(lanes.select(small, 1.0, square))
     factor = lanes.select(small, 2.0 * series / w, 2.0 * lanes.atan2(length, scalar) / length)
-    return LogLanes(factor * vector, factor * factor * square, 0.5 * factor * scalar)
+    return LogLanes(vector * factor, factor * factor * square, 0.5 * factor * scalar)
 
 
 def log_lanes(rotation: Lanes) -> Lanes:
@@ -209,7 +209,7 @@ def _nearest_rotation(matrix: Lanes) -> Lanes:
 @jax.custom_jvp
 def _polar(matrix: jax.Array) -> jax.Array:
     """The nearest rotation, without any decision that rounding could turn over."""
-    batch, dtype = matrix.shape[:-2], matrix.dtype
+    dtype = matrix.dtype
     eps = float(jnp.finfo(dtype).eps)
     # A common scale leaves the answer alone and keeps products from overflowing.
     largest = jnp.max(jnp.abs(matrix), axis=(-2, -1), keepdims=True)
@@ -262,7 +262,10 @@ def _cofactors(m: Lanes) -> Lanes:
 
 
 def _polar_step(x: Lanes) -> Lanes:
-    """One step of Newton's iteration for the polar factor, scaled (Higham, 1986): (g X + X^-T / g) / 2."""
+    """A scaled step of Newton's iteration for the polar factor, (g X + X^-T / g) / 2.
+
+    Higham, "Computing the polar decomposition - with applications" (1986).
+    """
     cofactors = _cofactors(x)
     det = x[0] @ cofactors[0]
     inverse = cofactors * (1.0 / lanes.select(det > 0.0, det, 1.0))
