@@ -21,7 +21,7 @@ import numpy as np
 from niryo_jax import lanes
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.robot import Robot, is_concrete
-from niryo_jax.tolerances import PITCH
+from niryo_jax.structure import joint_kinds
 
 
 class Pattern(NamedTuple):
@@ -73,17 +73,6 @@ class Geometry:
     def tree_unflatten(cls, pattern: Pattern, arguments: Iterable[jax.Array]) -> Geometry:
         """The geometry of a pattern and its arguments."""
         return pattern.geometry(arguments)
-
-
-def joint_kinds(screws: np.ndarray) -> tuple[str, ...]:
-    """The kind of each joint of a concrete robot."""
-
-    def kind(screw: np.ndarray) -> str:
-        if not np.any(screw[:3]):
-            return "prismatic"
-        return "helical" if abs(screw[:3] @ screw[3:]) > PITCH else "revolute"
-
-    return tuple(kind(screw) for screw in screws)
 
 
 def traced_geometry(robot: Robot, dtype: np.dtype) -> Geometry:

@@ -11,6 +11,7 @@ import numpy as np
 from jax.core import Tracer
 from numpy.typing import ArrayLike
 
+from niryo_jax import structure
 from niryo_jax.tolerances import MOTION, SCREW_NORM
 
 Array = jax.Array | np.ndarray
@@ -93,6 +94,7 @@ class Robot:
             raise ValueError(f"home: expected shape (4, 4), got {home.shape}")
         if is_concrete(home):
             check_motion("home", np.asarray(home))
+        _check_finite("screws", screws)
         xp = np if is_concrete(screws, home) else jnp
         w, v = screws[:, :3] @ home[:3, :3].T, screws[:, 3:] @ home[:3, :3].T
         space = xp.concatenate([w, v + xp.cross(home[:3, 3], w)], axis=1)
@@ -182,8 +184,7 @@ class Robot:
             lengths = np.linalg.norm(np.asarray(axes), axis=1)
             if not np.all((lengths > 0) & np.isfinite(lengths)):
                 raise ValueError(f"axes: expected non-zero finite directions, got {axes}")
-        if is_concrete(points) and not np.all(np.isfinite(np.asarray(points))):
-            raise ValueError(f"points: expected finite numbers, got {points}")
+        _check_finite("points", points)
         xp = np if is_concrete(axes, points) else jnp
         unit = axes / xp.linalg.norm(axes, axis=1, keepdims=True)
         screws = xp.where(
@@ -211,16 +212,57 @@ class Robot:
             check_motion("tool", np.asarray(tool))
         return dataclasses.replace(self, home=self.home @ tool)
 
-    def describe(self) -> str:
-        """The arm in words: joints, limits, home pose, and how the axes lie to each other."""
-        from niryo_jax.structure import describe
+    def known_screws(self) -> np.ndarray:
+        """(n, 6) the screws as numbers, from which the kinematic structure can be found.
 
-        return describe(self)
+        Raises:
+            TypeError: the robot is traced.
+        """
+        if not is_concrete(self.screws, self.home):
+            raise TypeError(
+                "robot: its structure can only be found on concrete arrays; got a traced robot. "
+                "Close over the robot instead of passing it through jax.jit or jax.grad."
+            )
+        return np.asarray(self.screws, dtype=np.float64)
+
+    def describe(self) -> str:
+        """The arm in words: joints, limits, home pose, and how the axes lie to each other.
+
+        Raises:
+            TypeError: the robot is traced.
+        """
+        screws = self.known_screws()
+        lines = [f"{self.name}: {self.joints} joints"]
+        for name, kind, screw, low, high in zip(
+            self.joint_names,
+            structure.joint_kinds(screws),
+            screws,
+            np.asarray(self.lower),
+            np.asarray(self.upper),
+        ):
+            slides = kind == "prismatic"
+            unit, scale = ("m", 1.0) if slides else ("deg", 180.0 / np.pi)
+            place = "" if slides else f" through {_vector(structure.axis_point(screw))} m"
+            lines.append(
+                f"{name}: {kind}, along {_vector(screw[3:] if slides else screw[:3])}{place}, "
+                f"{low * scale:.2f} to {high * scale:.2f} {unit}"
+            )
+        lines += structure.describe(screws)
+        lines.append(f"tool at home: {_vector(np.asarray(self.home)[:3, 3])} m")
+        return "\n  ".join(lines)
+
+
+def _vector(values: np.ndarray) -> str:
+    return "(" + ", ".join(f"{value + 0.0:.5g}" for value in values) + ")"
+
+
+def _check_finite(name: str, array: Array) -> None:
+    if is_concrete(array) and not np.all(np.isfinite(np.asarray(array))):
+        raise ValueError(f"{name}: expected finite numbers, got {array}")
 
 
 def _check_geometry(screws: np.ndarray, home: np.ndarray) -> None:
-    if not np.all(np.isfinite(screws)):
-        raise ValueError(f"screws: expected finite numbers, got {screws}")
+    _check_finite("screws", screws)
     omega = np.linalg.norm(screws[..., :3], axis=-1)
     linear = np.linalg.norm(screws[..., 3:], axis=-1)
     unit = np.where(omega == 0, linear, omega)

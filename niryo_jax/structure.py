@@ -1,6 +1,6 @@
-"""The kinematic structure of a concrete robot: how its axes lie to each other.
+"""Kinematic structure: what kind each joint is, and how the axes lie to each other.
 
-Found once, in numpy, from the numbers of the robot; the solver that fits is chosen from it.
+Found in numpy from concrete screws (n, 6), space frame; the solver that fits is chosen from it.
 """
 
 from __future__ import annotations
@@ -11,9 +11,18 @@ from enum import Enum
 
 import numpy as np
 
-from niryo_jax.geometry import joint_kinds
-from niryo_jax.robot import Robot, is_concrete
-from niryo_jax.tolerances import AXES_MEET, AXES_PARALLEL
+from niryo_jax.tolerances import AXES_MEET, AXES_PARALLEL, PITCH
+
+
+def joint_kinds(screws: np.ndarray) -> tuple[str, ...]:
+    """The kind of each joint: "revolute", "prismatic" or "helical"."""
+
+    def kind(screw: np.ndarray) -> str:
+        if not np.any(screw[:3]):
+            return "prismatic"
+        return "helical" if abs(screw[:3] @ screw[3:]) > PITCH else "revolute"
+
+    return tuple(kind(screw) for screw in screws)
 
 
 class AxisRelation(Enum):
@@ -79,13 +88,8 @@ class OffsetWristArm:
     wrist_range: tuple[float, float]
 
 
-def offset_wrist_arm(robot: Robot) -> OffsetWristArm | None:
-    """The arm's structure if it belongs to the family of the Niryo arms, else None.
-
-    Raises:
-        TypeError: the robot is traced, so that its structure is not known.
-    """
-    screws = _concrete_screws(robot)
+def offset_wrist_arm(screws: np.ndarray) -> OffsetWristArm | None:
+    """The arm's structure if it belongs to the family of the Niryo arms, else None."""
     if len(screws) != 6 or set(joint_kinds(screws)) != {"revolute"}:
         return None
     wanted = {
@@ -119,49 +123,19 @@ def _from_axis(screw: np.ndarray, point: np.ndarray) -> np.ndarray:
     return away - (away @ screw[:3]) * screw[:3]
 
 
-def describe(robot: Robot) -> str:
-    """The arm in words: joints, limits, home pose, and how neighbouring axes lie to each other.
-
-    Raises:
-        TypeError: the robot is traced.
-    """
-    screws = _concrete_screws(robot)
-    kinds = joint_kinds(screws)
-    lines = [f"{robot.name}: {robot.joints} joints"]
-    for name, kind, screw, low, high in zip(
-        robot.joint_names, kinds, screws, np.asarray(robot.lower), np.asarray(robot.upper)
-    ):
-        unit, scale = ("m", 1.0) if kind == "prismatic" else ("deg", 180.0 / np.pi)
-        direction = screw[3:] if kind == "prismatic" else screw[:3]
-        place = "" if kind == "prismatic" else f" through {_vector(axis_point(screw))} m"
-        lines.append(
-            f"  {name}: {kind}, along {_vector(direction)}{place}, "
-            f"{low * scale:.2f} to {high * scale:.2f} {unit}"
-        )
+def describe(screws: np.ndarray) -> list[str]:
+    """How neighbouring axes lie to each other, and the family of the arm, a line each."""
+    kinds, lines = joint_kinds(screws), list[str]()
     for i, (first, second) in enumerate(itertools.pairwise(screws)):
         if "prismatic" in kinds[i : i + 2]:
             continue
         how = relation(first, second)
         apart = distance_between(first, second)
         gap = f", {apart * 1e3:.4g} mm apart" if apart > AXES_MEET else ""
-        lines.append(f"  axes {i + 1} and {i + 2} {how.value}{gap}")
-    lines.append(f"  tool at home: {_vector(np.asarray(robot.home)[:3, 3])} m")
-    arm = offset_wrist_arm(robot)
+        lines.append(f"axes {i + 1} and {i + 2} {how.value}{gap}")
+    arm = offset_wrist_arm(screws)
     if arm is not None:
         offset = float(np.linalg.norm(arm.offset))
         wrist = "spherical wrist" if offset < AXES_MEET else f"wrist offset {offset * 1e3:.4g} mm"
-        lines.append(f"  family: 1 and 2 meet, 2 parallel to 3, 4 and 5 meet; {wrist}")
-    return "\n".join(lines)
-
-
-def _concrete_screws(robot: Robot) -> np.ndarray:
-    if not is_concrete(robot.screws, robot.home):
-        raise TypeError(
-            "robot: its structure can only be found on concrete arrays; got a traced robot. "
-            "Close over the robot instead of passing it through jax.jit or jax.grad."
-        )
-    return np.asarray(robot.screws, dtype=np.float64)
-
-
-def _vector(values: np.ndarray) -> str:
-    return "(" + ", ".join(f"{value + 0.0:.5g}" for value in values) + ")"
+        lines.append(f"family: 1 and 2 meet, 2 parallel to 3, 4 and 5 meet; {wrist}")
+    return lines

@@ -131,14 +131,35 @@ def test_unknown_pyniryo_is_refused(monkeypatch, version):
         pyniryo_version()
 
 
-def test_pyniryo_without_its_libraries_names_them(monkeypatch):
+def test_pyniryo_that_does_not_import_says_how_to_install_it(monkeypatch):
     def broken(_: str) -> None:
-        raise ImportError("libGL.so.1: cannot open shared object file")
+        raise ImportError("no module named enum34")
 
     monkeypatch.setattr(importlib.metadata, "version", lambda _: "1.1.2")
     monkeypatch.setattr(importlib, "import_module", broken)
-    with pytest.raises(PyniryoMissing, match="apt install libgl1"):
+    with pytest.raises(PyniryoMissing, match=r"enum34.*pip install"):
         arm_at("127.0.0.1").connect()
+    assert type(sys.modules.get("cv2")).__name__ != "_NoOpenCV"
+
+
+@needs_pyniryo
+def test_the_arm_moves_where_opencv_lacks_its_system_libraries(tmp_path):
+    (tmp_path / "cv2.py").write_text("raise ImportError('libGL.so.1: cannot open shared object')")
+    code = f"""
+import sys
+sys.path.insert(0, {str(tmp_path)!r})
+import niryo_jax as nj
+from niryo_jax.hardware import NiryoArm, SimulatedNiryo
+with SimulatedNiryo(time_scale=100) as sim:
+    with NiryoArm(sim.address, robot=nj.robots.niryo_one()) as arm:
+        arm.calibrate()
+        arm.move_joints([0.1] * 6)
+assert "cv2" not in sys.modules
+"""
+    run = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True
+    )
+    assert run.returncode == 0, run.stderr
 
 
 @pytest.mark.parametrize(

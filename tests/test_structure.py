@@ -25,14 +25,14 @@ from niryo_jax.structure import (
     ],
 )
 def test_the_niryo_arms_have_an_offset_wrist(name, offset, wrist):
-    arm = offset_wrist_arm(getattr(nj.robots, name)())
+    arm = offset_wrist_arm(getattr(nj.robots, name)().screws)
     assert arm is not None
     np.testing.assert_allclose(np.linalg.norm(arm.offset), offset, atol=1e-15)
     np.testing.assert_allclose(arm.wrist, wrist, atol=1e-15)
 
 
 def test_the_wrist_stays_within_its_range(niryo, rng):
-    arm = offset_wrist_arm(niryo)
+    arm = offset_wrist_arm(niryo.screws)
     q = rng.uniform(-np.pi, np.pi, (20000, 6))
     wrist = nj.link_poses(niryo, q)[:, 2] @ np.append(arm.wrist, 1.0)
     distance = np.linalg.norm(wrist[:, :3] - arm.shoulder, axis=1)
@@ -74,12 +74,8 @@ def test_other_arms_are_not_of_the_family(niryo, rng):
     moved = niryo.screws.copy()
     moved[0, 3:] += [0.0, 0.001, 0.0]
     seven = nj.Robot.from_axes(rng.standard_normal((7, 3)), rng.standard_normal((7, 3)), np.eye(4))
-    for robot in (
-        seven,
-        nj.Robot.from_screws(prismatic, niryo.home),
-        nj.Robot.from_screws(moved, niryo.home),
-    ):
-        assert offset_wrist_arm(robot) is None
+    for screws in (seven.screws, prismatic, moved):
+        assert offset_wrist_arm(screws) is None
 
 
 def test_description_names_joints_limits_and_family(niryo):

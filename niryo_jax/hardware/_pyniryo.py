@@ -12,9 +12,12 @@ import dataclasses
 import importlib
 import importlib.metadata
 import socket
+import sys
 import threading
 import time
+import types
 import warnings
+from collections.abc import Generator
 from typing import Any
 
 import numpy as np
@@ -74,19 +77,40 @@ def pyniryo_version() -> PyniryoInfo:
             )
 
 
+class _NoOpenCV(types.ModuleType):
+    """Stands in for OpenCV, whose constants pyniryo puts into enums on import."""
+
+    def __getattr__(self, name: str) -> str:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return name
+
+
+@contextlib.contextmanager
+def _opencv_or_none() -> Generator[None, None, None]:
+    """Let pyniryo import where OpenCV cannot: its wheel needs libraries of the desktop (libGL).
+
+    Only the camera functions of pyniryo use it, and nothing here uses those.
+    """
+    try:
+        importlib.import_module("cv2")
+    except ImportError:
+        sys.modules["cv2"] = _NoOpenCV("cv2")
+        try:
+            yield
+        finally:
+            del sys.modules["cv2"]
+    else:
+        yield
+
+
 def _load() -> Any:
     pyniryo_version()
     try:
-        return importlib.import_module("pyniryo")
+        with _opencv_or_none():
+            return importlib.import_module("pyniryo")
     except ImportError as error:
-        hint = _INSTALL
-        if "cv2" in str(error) or ".so" in str(error):
-            hint = (
-                "pyniryo imports OpenCV, which needs system libraries of the desktop: install them "
-                "(Debian and Ubuntu: apt install libgl1 libglib2.0-0 libxcb1), or replace "
-                "opencv-python by opencv-python-headless, which does without"
-            )
-        raise PyniryoMissing(f"pyniryo does not import ({error}); {hint}") from error
+        raise PyniryoMissing(f"pyniryo does not import ({error}); {_INSTALL}") from error
 
 
 class GuardedSocket:

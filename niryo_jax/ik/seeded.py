@@ -72,7 +72,7 @@ def seeded_branches(robot: Robot, pose: ArrayLike) -> SeededBranches:
     """The guesses of the published method and what Newton-Raphson makes of them.
 
     Args:
-        robot: a concrete arm of the Niryo family (`structure.offset_wrist_arm`).
+        robot: a concrete arm whose axes 1 and 2 meet, 2 and 3 are parallel, 4 and 5 meet.
         pose: (..., 4, 4) targets; poses that are no rigid motions count as the identity.
 
     Raises:
@@ -106,7 +106,7 @@ def solve_seeded(robot: Robot, pose: ArrayLike) -> IKSolutions:
 
 
 def _family(robot: Robot) -> OffsetWristArm:
-    arm = offset_wrist_arm(robot)
+    arm = offset_wrist_arm(robot.known_screws())
     if arm is None:
         raise ValueError(
             f"method 'seeded' needs six revolute joints of which axes 1 and 2 meet, 2 and 3 are "
