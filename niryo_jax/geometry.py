@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import inspect
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple, TypeVar
 
@@ -20,6 +21,7 @@ import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.lanes import Lane, Lanes
+from niryo_jax.lanes.batching import as_floating
 from niryo_jax.robot import Robot, is_concrete
 from niryo_jax.structure import joint_kinds
 
@@ -110,6 +112,8 @@ def on_robot(function: Callable[..., Result]) -> Callable[..., Result]:
     Options are static: they are given by keyword and hashable.
     """
 
+    names = list(inspect.signature(function).parameters)[1:]
+
     @functools.partial(jax.jit, static_argnums=(0, 1))
     def concrete(
         pattern: Pattern, options: tuple[tuple[str, Any], ...], rest: jax.Array, *arrays: Any
@@ -126,6 +130,11 @@ def on_robot(function: Callable[..., Result]) -> Callable[..., Result]:
         if not isinstance(robot, Robot):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise TypeError(f"robot: expected a niryo_jax.Robot, got {type(robot).__name__}")
         static = tuple(sorted(options.items()))
+        # Lists would be taken for pytrees of numbers, each an argument of its own.
+        arrays = tuple(
+            array if hasattr(array, "dtype") else as_floating(name, array)
+            for name, array in zip(names, arrays)
+        )
         leaves = jax.tree.leaves(arrays)
         whole = is_concrete(robot.screws, robot.home) and robot.screws.ndim == robot.home.ndim == 2
         if not whole:

@@ -384,3 +384,13 @@ def test_robots_with_zeros_in_the_same_places_share_one_program(niryo, caplog):
     assert programs(stretched([0.2, 0.4, 0.45, 0.3])) > 0
     assert programs(stretched([0.3, 0.7, 0.77, 0.5])) == 0
     assert programs(nj.Robot.from_axes(np.eye(3)[[0, 1, 2] * 2], np.eye(3)[[1] * 6], np.eye(4))) > 0
+
+
+@pytest.mark.parametrize("q", ["abc", None, [0.0, "a"]])
+def test_what_is_no_array_of_numbers_is_named(niryo, q):
+    with pytest.raises(TypeError, match="q: expected an array of numbers"):
+        nj.forward_kinematics(niryo, q)
+
+
+def test_a_list_is_an_array(niryo):
+    np.testing.assert_array_equal(nj.forward_kinematics(niryo, [0, 0, 0, 0, 0, 0]), niryo.home)

@@ -26,7 +26,10 @@ def check_shape(name: str, array: jax.Array | np.ndarray, shape: tuple[int, ...]
 
 def as_floating(name: str, value: ArrayLike) -> jax.Array:
     """The value as a real floating-point array; raises a TypeError that names the argument."""
-    array = jnp.asarray(value)
+    try:
+        array = jnp.asarray(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: expected an array of numbers, got {value!r}") from None
     if jnp.issubdtype(array.dtype, jnp.floating):
         return array
     if jnp.issubdtype(array.dtype, jnp.complexfloating) or array.dtype == jnp.bool_:
