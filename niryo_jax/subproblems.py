@@ -281,14 +281,14 @@ def paden_kahan_2_lanes(screw_1: Lanes, screw_2: Lanes, p: Lanes, k: Lanes) -> S
     k_on_axis = lanes.norm(_off_axis(first, k)[0]) <= scale.coincidence
     in_plane = _circles_in_a_plane(first, second, p, k)
     on_sphere = _circles_on_a_sphere(first, second, p, k, between, normal, parallel)
-    middle = _choose(parallel, in_plane.middle, on_sphere.middle)
-    half = _choose(parallel, in_plane.half, on_sphere.half)
+    middle = lanes.choose(parallel, in_plane.middle, on_sphere.middle)
+    half = lanes.choose(parallel, in_plane.half, on_sphere.half)
     overlap = lanes.select(parallel, in_plane.overlap, on_sphere.overlap)
     tangent = overlap <= scale.coincidence
-    half = _choose(tangent, 0.0 * half, half)
+    half = lanes.choose(tangent, half * 0.0, half)
     # Where p or k does not move under its own rotation, the point between is known exactly.
     fixed = [
-        _choose(coincident | p_on_axis, p, _choose(k_on_axis, k, c))
+        lanes.choose(coincident | p_on_axis, p, lanes.choose(k_on_axis, k, c))
         for c in (middle - half, middle + half)
     ]
     infinite = coincident | p_on_axis | k_on_axis
@@ -359,7 +359,3 @@ def _circles_in_a_plane(first: _Axis, second: _Axis, p: Lanes, k: Lanes) -> _Cro
     length = lanes.sqrt(square)
     across = lanes.cross(second.direction, gap)
     return _Crossing(center + gap * share, across * height_of_crossing, rest * length)
-
-
-def _choose(condition: lanes.Condition, if_true: Lanes, if_false: Lanes) -> Lanes:
-    return lanes.lanes_of([lanes.select(condition, a, b) for a, b in zip(if_true, if_false)])

@@ -130,8 +130,8 @@ def _guesses(
     ) -> tuple[Lanes, Lane, Lane, Lane]:
         s1, s2, s3, s4, s5, s6 = geometry.screws
         home_rotation, home = se3.split(geometry.home)
-        # exp([S6'] t) (offset) = (offset) exp([S6] t): the arm with axis 6 moved by the offset
-        # reaches T where the true chain without its offset does (eq. 30 with L8 = 0).
+        # Axis 6 and the home pose moved by the offset, so that axes 4, 5 and 6 meet in the wrist
+        # (eq. 30 with L8 = 0).
         spherical = np.concatenate([s6[:3], s6[3:] - lanes.cross(s6[:3], offset)])
         moved = se3.inverse_lanes(home_rotation, home + offset)
         t1 = compose(se3.split(target), moved)

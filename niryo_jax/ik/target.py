@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax import lanes
@@ -43,15 +42,13 @@ def _nearest(pose: Lanes) -> Lanes:
     # Unusable input is replaced before anything is computed from it, so that it cannot make a
     # derivative NaN.
     usable = _is_near_rotation(pose)
-    given = np.array(
-        [[lanes.select(usable, a, b) for a, b in zip(*rows)] for rows in zip(pose, _IDENTITY)]
-    )
+    given = lanes.choose(usable, pose, _IDENTITY)
     motion = se3.assemble(so3.orthonormalise_lanes(given[:3, :3]), given[:3, 3])
     distance = lanes.norm((given - motion).ravel())
     valid = usable & (distance <= POSE_ROTATION)
-    kept = [lanes.select(valid, a, b) for a, b in zip(motion.ravel(), _IDENTITY.ravel())]
-    flags = [lanes.select(usable, distance, jnp.inf), lanes.select(valid, 1.0, 0.0)]
-    return lanes.lanes_of(kept + flags)
+    kept = lanes.choose(valid, motion, _IDENTITY)
+    reported = lanes.select(usable, distance, jnp.inf)
+    return lanes.lanes_of([*kept.ravel(), reported, lanes.select(valid, 1.0, 0.0)])
 
 
 def _is_near_rotation(pose: Lanes) -> lanes.Condition:

@@ -188,6 +188,13 @@ def select(condition: Condition, if_true: Lane | float, if_false: Lane | float) 
     return Lane(jnp.where(condition, as_lane(if_true).value, as_lane(if_false).value))
 
 
+def choose(condition: Condition, if_true: Lanes, if_false: Lanes) -> Lanes:
+    """`select` of every pair of elements of two arrays of one shape."""
+    pairs = zip(if_true.ravel().tolist(), if_false.ravel().tolist())
+    chosen = [select(condition, a, b) for a, b in pairs]
+    return lanes_of(chosen).reshape(if_true.shape)
+
+
 def maximum(a: Lane | float, b: Lane | float) -> Lane:
     """The larger of two lanes."""
     a, b = as_lane(a), as_lane(b)

@@ -219,7 +219,7 @@ def _polar(matrix: jax.Array) -> jax.Array:
         generic = m + eps ** (1 / 3) * lanes.lanes_of(_GENERIC)
         x, y = _right_handed(m), _right_handed(generic)
         degenerate = x[0] @ lanes.cross(x[1], x[2]) < 50.0 * eps
-        return lanes.map_lanes(lambda pair: lanes.select(degenerate, *pair), _pairs(y, x))
+        return lanes.choose(degenerate, y, x)
 
     def unfinished(carry: tuple[jax.Array, jax.Array, jax.Array]) -> jax.Array:
         count, old, new = carry
@@ -272,13 +272,6 @@ def _polar_step(x: Lanes) -> Lanes:
     square = lanes.norm(inverse.ravel()) / lanes.norm(x.ravel())
     scale = lanes.sqrt(square)
     return 0.5 * (scale * x + inverse * (1.0 / lanes.select(scale > 0.0, scale, 1.0)))
-
-
-def _pairs(a: Lanes, b: Lanes) -> Lanes:
-    out = np.empty(a.shape, dtype=object)
-    for index in np.ndindex(a.shape):
-        out[index] = (a[index], b[index])
-    return out
 
 
 @_polar.defjvp
