@@ -285,6 +285,3 @@ def _solve_jvp(
         result,
     )
     return result, zero._replace(q=jnp.where(converged, dq, 0.0))
-
-
-__all__ = ["NewtonResult", "newton_raphson"]
