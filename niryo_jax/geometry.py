@@ -132,7 +132,9 @@ def on_robot(function: Callable[..., Result]) -> Callable[..., Result]:
         static = tuple(sorted(options.items()))
         # Lists would be taken for pytrees of numbers, each an argument of its own.
         arrays = tuple(
-            array if hasattr(array, "dtype") else as_floating(name, array)
+            array
+            if hasattr(array, "dtype") or hasattr(array, "_fields")
+            else as_floating(name, array)
             for name, array in zip(names, arrays)
         )
         leaves = jax.tree.leaves(arrays)

@@ -202,6 +202,26 @@ def singular_values(
     return jnp.linalg.svd(rows, compute_uv=False)
 
 
+def free_direction(robot: Robot, q: ArrayLike) -> tuple[jax.Array, jax.Array]:
+    """The joint rates that move the tool least: a self-motion where the arm is singular.
+
+    Args:
+        robot: the arm.
+        q: (..., n) joint vector, n >= 1.
+
+    Returns:
+        (..., n) unit joint rates, and (...,) the size of the body twist that they give; zero
+        where the arm can move while its tool rests (rows in radians and metres, unscaled).
+
+    Raises:
+        ValueError: q does not have n joints.
+    """
+    jacobian = body_jacobian(robot, q)
+    direction = jnp.linalg.svd(jacobian, full_matrices=True)[2][..., -1, :]
+    twist = jnp.matmul(jacobian, direction[..., None], precision="highest")
+    return direction, jnp.linalg.norm(twist[..., 0], axis=-1)
+
+
 def condition_number(
     robot: Robot, q: ArrayLike, part: Part = "all", *, length: float = 1.0
 ) -> jax.Array:

@@ -11,7 +11,8 @@ import numpy as np
 from jax.core import Tracer
 from numpy.typing import ArrayLike
 
-from niryo_jax import structure
+from niryo_jax import offset_wrist, structure
+from niryo_jax.offset_wrist import Known
 from niryo_jax.tolerances import MOTION, SCREW_NORM
 
 Array = jax.Array | np.ndarray
@@ -42,6 +43,8 @@ class Robot:
         home: (4, 4) pose of the tool frame in the space frame at q = 0.
         lower, upper: (n,) joint limits, radians (metres for prismatic joints).
         joint_names, name: labels; static.
+        offset_wrist: which numbers of an offset-wrist arm are 0, 1 or -1 (`offset_wrist.Known`), or
+            None for an arm of another structure; found from concrete screws, static.
 
     The four arrays are pytree leaves, so they can be traced, batched and differentiated:
     `dataclasses.replace(robot, screws=...)` accepts traced arrays.
@@ -53,6 +56,14 @@ class Robot:
     upper: Array
     joint_names: tuple[str, ...] = dataclasses.field(default=(), metadata={"static": True})
     name: str = dataclasses.field(default="robot", metadata={"static": True})
+    offset_wrist: Known | None = dataclasses.field(default=None, metadata={"static": True})
+
+    def __post_init__(self) -> None:
+        """Find the structure, which a robot that is traced later brings along."""
+        screws, home = self.screws, self.home
+        if isinstance(screws, np.ndarray) and isinstance(home, np.ndarray):
+            known = offset_wrist.find(screws, home) if screws.ndim == home.ndim == 2 else None
+            object.__setattr__(self, "offset_wrist", known)
 
     @property
     def joints(self) -> int:

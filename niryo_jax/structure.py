@@ -8,6 +8,8 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from enum import Enum
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -34,9 +36,9 @@ class AxisRelation(Enum):
     SKEW = "miss each other"
 
 
-def axis_point(screw: np.ndarray) -> np.ndarray:
+def axis_point(screw: Any, xp: ModuleType = np) -> Any:
     """The point of a rotation axis closest to the origin, omega x v (|omega| = 1)."""
-    return np.cross(screw[:3], screw[3:])
+    return xp.cross(screw[:3], screw[3:])
 
 
 def distance_between(first: np.ndarray, second: np.ndarray) -> float:
@@ -58,16 +60,26 @@ def relation(first: np.ndarray, second: np.ndarray) -> AxisRelation:
     return AxisRelation.INTERSECTING if touching else AxisRelation.SKEW
 
 
-def meeting_point(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def meeting_point(first: Any, second: Any, xp: ModuleType = np) -> Any:
     """The midpoint of the shortest segment between two rotation axes that are not parallel.
 
-    With r = r_i + xi_i w_i on axis i, [w1 -w2] xi = r2 - r1. (Todorovic et al., eq. 20, print
-    r1 - r2, which gives the mirror image of the point.)
+    `xp` is numpy or jax.numpy, for screws that are traced. With r = r_i + xi_i w_i on axis i,
+    [w1 -w2] xi = r2 - r1, solved by least squares. (Todorovic et al., eq. 20, print r1 - r2, which
+    gives the mirror image of the point.)
     """
-    r1, r2 = axis_point(first), axis_point(second)
-    system = np.stack([first[:3], -second[:3]], axis=1)
-    xi = np.linalg.lstsq(system, r2 - r1, rcond=None)[0]
-    return 0.5 * (r1 + xi[0] * first[:3] + r2 + xi[1] * second[:3])
+    w1, w2 = first[:3], second[:3]
+    r1, r2 = axis_point(first, xp), axis_point(second, xp)
+    cosine, between = w1 @ w2, r2 - r1
+    ahead, back = w1 @ between, w2 @ between
+    sine_square = xp.sum(xp.cross(w1, w2) ** 2)
+    xi1, xi2 = (ahead - cosine * back) / sine_square, (cosine * ahead - back) / sine_square
+    return 0.5 * (r1 + xi1 * w1 + r2 + xi2 * w2)
+
+
+def perpendicular_to(screw: Any, point: Any, xp: ModuleType = np) -> Any:
+    """The vector from a rotation axis to a point, at right angles to the axis."""
+    away = point - axis_point(screw, xp)
+    return away - (away @ screw[:3]) * screw[:3]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,25 +114,19 @@ def offset_wrist_arm(screws: np.ndarray) -> OffsetWristArm | None:
     if relation(screws[4], screws[5]) in (AxisRelation.PARALLEL, AxisRelation.COINCIDENT):
         return None
     shoulder, wrist = meeting_point(screws[0], screws[1]), meeting_point(screws[3], screws[4])
-    upper_arm = _from_axis(screws[2], shoulder)
-    forearm = _from_axis(screws[2], wrist)
+    upper_arm = perpendicular_to(screws[2], shoulder)
+    forearm = perpendicular_to(screws[2], wrist)
     sideways = float((wrist - shoulder) @ screws[2, :3])
     lengths = float(np.linalg.norm(upper_arm)), float(np.linalg.norm(forearm))
     return OffsetWristArm(
         shoulder=shoulder,
         wrist=wrist,
-        offset=_from_axis(screws[5], wrist),
+        offset=perpendicular_to(screws[5], wrist),
         wrist_range=(
             float(np.hypot(sideways, lengths[0] - lengths[1])),
             float(np.hypot(sideways, lengths[0] + lengths[1])),
         ),
     )
-
-
-def _from_axis(screw: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """The vector from an axis to a point, at right angles to the axis."""
-    away = point - axis_point(screw)
-    return away - (away @ screw[:3]) * screw[:3]
 
 
 def describe(screws: np.ndarray) -> list[str]:

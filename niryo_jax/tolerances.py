@@ -62,3 +62,43 @@ LIMIT_ROUNDING = ByDtype(1e-9, 1e-5)
 
 SUBPROBLEM_PARALLEL = ByDtype(1e-9, 1e-5)
 """The two axes of a subproblem are parallel where the sine of their angle is below this."""
+
+ARM_NUMBER = 1e-14
+"""A number of an arm (a sine, a cosine, a length in metres) this near to 0, 1 or -1 is that."""
+
+CONDITION_ROUNDING = ByDtype(4e-15, 2e-6)
+"""The condition of an offset-wrist arm (a cosine) is computed to within this."""
+
+NARROWEST = ByDtype(1e-14, 1e-6)
+"""An interval of the curve narrower than this (radians) is not halved again."""
+
+CROSSING = ByDtype(1e-7, 1e-4)
+"""The wrist point is on axis 1 where it is nearer than this share of its circle's radius."""
+
+TOUCHING = 1e-4
+"""Where the condition is farther than this from zero, an interval too narrow to halve holds no
+root: even at a square-root end of the curve it varies by less."""
+
+IK_POSITION = ByDtype(1e-12, 1e-6)
+"""The complete method calls a joint vector a solution where it misses by less (metres)..."""
+
+IK_ROTATION = ByDtype(1e-12, 1e-6)
+"""... and by less than this (radians)."""
+
+IK_POLISH = ByDtype(1e-13, 5e-7)
+"""A candidate that misses by more than this (metres, radians) is polished on the full pose."""
+
+REACH_ROUNDING = ByDtype(1e-13, 1e-6)
+"""The wrist is out of reach where 4 a b times this is missing from the square of its distance."""
+
+CLOSED_FORM = ByDtype(1e-9, 1e-4)
+"""The condition of a spherical wrist has a root where its extremum is nearer to zero than this."""
+
+VANISHING = ByDtype(2e-13, 1e-5)
+"""The condition vanishes all along a branch where it is nowhere farther from zero than this."""
+
+SINGULAR = ByDtype(1e-9, 1e-5)
+"""A Jacobian is singular where its volume is below this share of the product of its rows."""
+
+SINGULAR_ANGLE = ByDtype(1e-7, 1e-4)
+"""An arm is at a singularity of a spherical-wrist arm where it is nearer than this (radians)."""

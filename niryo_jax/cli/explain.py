@@ -44,27 +44,26 @@ class Explained:
 def explain(branches: SeededBranches, solutions: IKSolutions) -> list[Explained]:
     """The branches of one pose beside its solutions.
 
-    A solution belongs to the first branch that ended there. The slots behind the solutions hold
-    the outcomes of the other branches, in their order.
+    A branch that converged belongs to the solution at which it ended; the published method does not
+    find every solution.
     """
-    ends = np.asarray(branches.newton.q)
-    slots: dict[int, int] = {}
-    for slot in np.flatnonzero(np.asarray(solutions.found)):
-        turns = (ends - np.asarray(solutions.q[slot])) / (2 * np.pi)
-        apart = np.max(np.abs(turns - np.round(turns)), axis=-1)
-        slots[int(np.flatnonzero(apart <= np.min(apart) + 1e-9)[0])] = int(slot)
-    rest = [branch for branch in range(len(ends)) if branch not in slots]
-    slot_of = {**slots, **{branch: len(slots) + i for i, branch in enumerate(rest)}}
-    return [
-        Explained(
-            guess=np.asarray(branches.guess[branch]).tolist(),
-            guess_error=float(branches.guess_error[branch]),
-            iterations=int(branches.newton.iterations[branch]),
-            outcome=BranchStatus(int(solutions.branch[slot_of[branch]])),
-            solution=slots.get(branch),
+    found = np.flatnonzero(np.asarray(solutions.found))
+    explained = list[Explained]()
+    for branch, end in enumerate(np.asarray(branches.newton.q)):
+        outcome, slot = BranchStatus(int(branches.outcome[branch])), None
+        if outcome in (BranchStatus.SOLVED, BranchStatus.OUTSIDE_LIMITS) and len(found):
+            turns = (np.asarray(solutions.q)[found] - end) / (2 * np.pi)
+            slot = int(found[np.argmin(np.max(np.abs(turns - np.round(turns)), axis=-1))])
+        explained.append(
+            Explained(
+                guess=np.asarray(branches.guess[branch]).tolist(),
+                guess_error=float(branches.guess_error[branch]),
+                iterations=int(branches.newton.iterations[branch]),
+                outcome=outcome,
+                solution=slot,
+            )
         )
-        for branch in range(len(ends))
-    ]
+    return explained
 
 
 def explained_table(explained: list[Explained]) -> Table:

@@ -6,36 +6,46 @@ from typing import Literal
 
 from jax.typing import ArrayLike
 
+from niryo_jax.ik.complete import solve_complete
 from niryo_jax.ik.newton import NewtonResult, newton_raphson
-from niryo_jax.ik.seeded import SeededBranches, seeded_branches, solve_seeded
-from niryo_jax.ik.solutions import BranchStatus, IKSolutions, IKStatus, wrap_into_limits
+from niryo_jax.ik.seeded import BranchStatus, SeededBranches, seeded_branches, solve_seeded
+from niryo_jax.ik.solutions import IKSolutions, IKStatus, Obstacle, Singularity, wrap_into_limits
 from niryo_jax.robot import Robot
 
-Method = Literal["seeded"]
+Method = Literal["complete", "seeded"]
 
 
-def inverse_kinematics(robot: Robot, pose: ArrayLike, method: Method = "seeded") -> IKSolutions:
-    """All joint vectors found that bring the tool to a pose, for a batch of poses.
+def inverse_kinematics(robot: Robot, pose: ArrayLike, method: Method | None = None) -> IKSolutions:
+    """All joint vectors that bring the tool to a pose, for a batch of poses.
 
     Args:
-        robot: a concrete arm.
+        robot: the arm. A traced robot keeps the structure of the concrete one it was made from.
         pose: (..., 4, 4) targets in the space frame, metres. Poses that are slightly off SE(3),
             as printed ones are, are projected to it and the distance is reported.
-        method: "seeded": Paden-Kahan guesses refined by Newton-Raphson, for the Niryo family
-            (Todorovic et al. 2024, algorithm 2). It finds about 95 % of all solutions and cannot
-            prove that there is none, except beyond the arm's reach.
+        method: how to solve.
+            "complete": every real solution, or a proof that there is none, for six revolute joints
+            of which axes 1 and 2 meet, 2 and 3 are parallel, 4 and 5 meet; in closed form where
+            the wrist is spherical (docs/theory/complete-ik.md).
+            "seeded": Paden-Kahan guesses refined by Newton-Raphson, for the same arms (Todorovic
+            et al. 2024, algorithm 2): about 95 % of all solutions.
+            Where not given, the one that fits the arm: "complete".
 
     Returns:
         `IKSolutions` with 16 slots. Nothing is raised for a pose that cannot be solved:
-        `status` says why, so that good and bad poses can be mixed in one batch.
+        `status` says why, so that good and bad poses can be mixed in one batch. Derivatives of q
+        with respect to the pose and to the robot's geometry are those of the implicit function
+        theorem, of any order, in forward and reverse mode.
 
     Raises:
         ValueError: a wrong shape, an unknown method, an arm that the method does not fit.
-        TypeError: a traced robot.
+        TypeError: a traced robot, for a method that needs a concrete one.
     """
-    if method != "seeded":  # pyright: ignore[reportUnnecessaryComparison]
-        raise ValueError(f"method: expected 'seeded', got {method!r}")
-    return solve_seeded(robot, pose)
+    method = method or "complete"
+    if method == "complete":
+        return solve_complete(robot, pose)
+    if method == "seeded":
+        return solve_seeded(robot, pose)
+    raise ValueError(f"method: expected 'complete' or 'seeded', got {method!r}")
 
 
 __all__ = [
@@ -43,7 +53,9 @@ __all__ = [
     "IKSolutions",
     "IKStatus",
     "NewtonResult",
+    "Obstacle",
     "SeededBranches",
+    "Singularity",
     "inverse_kinematics",
     "newton_raphson",
     "seeded_branches",

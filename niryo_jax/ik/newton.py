@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,15 +20,13 @@ from jax.typing import ArrayLike
 
 from niryo_jax import lanes
 from niryo_jax.geometry import Geometry, on_robot
+from niryo_jax.ik.error import Frame, error_twist
+from niryo_jax.ik.implicit import implicit_rate, zero_tangent
 from niryo_jax.ik.target import make_target
-from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes import Lane, Lanes
-from niryo_jax.lanes.batching import as_floating, check_shape, on_lanes
-from niryo_jax.lie import se3
+from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.robot import Robot
 from niryo_jax.tolerances import DEPENDENT_ROW, NEWTON_POSITION, NEWTON_ROTATION
-
-Frame = Literal["body", "space"]
 
 _BLOCK = 256
 
@@ -138,21 +136,6 @@ def _newton_raphson(
     )
 
 
-def error_twist(
-    geometry: Geometry, target: Lanes, q: Lanes, frame: Frame
-) -> tuple[Lanes, Lanes, Lane]:
-    """The twist from tool to target, the Jacobian in the same frame, and the position error."""
-    (rotation, position), jacobian = pose_and_jacobian(geometry, q, frame, stored=True)
-    goal_rotation, goal = se3.split(target)
-    away = goal - position
-    turn = lanes.map_lanes(lanes.store, rotation.T @ goal_rotation)
-    twist = se3.log_lanes(turn, rotation.T @ away)
-    if frame == "space":
-        w, v = rotation @ twist[:3], rotation @ twist[3:]
-        twist = np.concatenate([w, v + lanes.cross(position, w)])
-    return twist, jacobian, lanes.norm(away)
-
-
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _solve(options: _Options, geometry: Geometry, target: jax.Array, q0: jax.Array) -> NewtonResult:
     batch = q0.shape[:-1]
@@ -227,6 +210,12 @@ def _iterate(
     )
 
 
+def refine(geometry: Geometry, target: jax.Array, q: jax.Array, tolerance: float) -> jax.Array:
+    """A few Newton steps from joint vectors (rows, n) that nearly solve (rows, 4, 4) targets."""
+    options = _Options("body", tolerance, tolerance, 6, 0.2, 0.0)
+    return _iterate(options, geometry, target, q).q
+
+
 class _State(NamedTuple):
     steps: jax.Array
     q: list[jax.Array]
@@ -255,33 +244,7 @@ def _solve_jvp(
     primals: tuple[Geometry, jax.Array, jax.Array],
     tangents: tuple[Geometry, jax.Array, jax.Array],
 ) -> tuple[NewtonResult, NewtonResult]:
-    # Implicit function theorem: along F(q, geometry, target) = log(T(q)^-1 target) = 0 the
-    # derivative of F with respect to q is -J_b, so J_b dq = dF at fixed q.
-    geometry, target, q0 = primals
+    geometry, target, _ = primals
     result = _solve(options, *primals)
-    q, n = result.q, geometry.joints
-
-    def twist(geometry: Geometry, target: jax.Array) -> jax.Array:
-        return on_lanes(
-            lambda target, q: error_twist(geometry, target, q, "body")[0],
-            ("pose", target, (4, 4)),
-            ("q", q, (n,)),
-        )
-
-    _, rate = jax.jvp(twist, (geometry, target), tangents[:2])
-    converged = result.converged[..., None]
-
-    def rates(q: Lanes, rate: Lanes) -> Lanes:
-        jacobian = pose_and_jacobian(geometry, q, "body", stored=True)[1]
-        return lanes.solve(jacobian, rate, 0.0, DEPENDENT_ROW.of(q0.dtype))
-
-    dq = on_lanes(rates, ("q", q, (n,)), ("rate", jnp.where(converged, rate, 0.0), (6,)))
-    zero = jax.tree.map(
-        lambda x: (
-            jnp.zeros(x.shape, x.dtype)
-            if jnp.issubdtype(x.dtype, jnp.floating)
-            else np.zeros(x.shape, jax.dtypes.float0)
-        ),
-        result,
-    )
-    return result, zero._replace(q=jnp.where(converged, dq, 0.0))
+    rates = implicit_rate(geometry, target, result.q, result.converged, tangents[:2])
+    return result, zero_tangent(result)._replace(q=rates)

@@ -13,6 +13,7 @@ The method is not complete: the true arm has up to 16 solutions, of which this f
 from __future__ import annotations
 
 import functools
+from enum import IntEnum
 from typing import NamedTuple
 
 import jax
@@ -23,17 +24,15 @@ from jax.typing import ArrayLike
 from niryo_jax import lanes
 from niryo_jax.chain import Motion, compose, joint_motion, tool_motion
 from niryo_jax.geometry import Geometry, on_robot
+from niryo_jax.ik.collect import collect, duplicates, limits_of
 from niryo_jax.ik.newton import NewtonResult, newton_raphson
 from niryo_jax.ik.solutions import (
-    SLOTS,
-    BranchStatus,
     IKSolutions,
-    IKStatus,
+    Obstacle,
     are_within_limits,
-    limit_margin,
     wrap_into_limits,
 )
-from niryo_jax.ik.target import Target, make_target
+from niryo_jax.ik.target import make_target
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import on_lanes
 from niryo_jax.lie import se3
@@ -45,7 +44,7 @@ from niryo_jax.subproblems import (
     paden_kahan_2_lanes,
     paden_kahan_3_lanes,
 )
-from niryo_jax.tolerances import LIMIT_ROUNDING, SAME_SOLUTION
+from niryo_jax.tolerances import LIMIT_ROUNDING
 
 BRANCHES = 8
 
@@ -54,18 +53,19 @@ class SeededBranches(NamedTuple):
     """The eight branches of the method, in the order wrist, shoulder, elbow.
 
     Attributes:
-        guess: (..., 8, n) joint vectors of the arm with a spherical wrist.
-        exact: (..., 8) whether the guess solves that arm, rather than being its closest approach.
+        guess: (..., 8, n) joint vectors of the arm with a spherical wrist: its solutions, or its
+            closest approach where it has none.
         guess_error: (..., 8) metres by which the guess misses the target on the true arm.
         shoulder_distance: (...,) metres from the shoulder to the target's axis 6, at the wrist.
         newton: the refinement of each, with leading shape (..., 8).
+        outcome: (..., 8) a `BranchStatus`: what became of it.
     """
 
     guess: jax.Array
-    exact: jax.Array
     guess_error: jax.Array
     shoulder_distance: jax.Array
     newton: NewtonResult
+    outcome: jax.Array
 
 
 def seeded_branches(robot: Robot, pose: ArrayLike) -> SeededBranches:
@@ -86,7 +86,8 @@ def _branches(robot: Robot, arm: OffsetWristArm, pose: jax.Array) -> SeededBranc
     points = (jnp.asarray(x, pose.dtype) for x in (arm.shoulder, arm.wrist, arm.offset))
     guess, exact, error, distance = _guesses(robot, pose, *points)
     newton = newton_raphson(robot, pose[..., None, :, :], guess)
-    return SeededBranches(guess, exact, error, distance, newton)
+    outcome = _outcomes(newton, exact, limits_of(robot.lower, robot.upper, pose.dtype))
+    return SeededBranches(guess, error, distance, newton, outcome)
 
 
 def solve_seeded(robot: Robot, pose: ArrayLike) -> IKSolutions:
@@ -94,15 +95,42 @@ def solve_seeded(robot: Robot, pose: ArrayLike) -> IKSolutions:
     arm = _family(robot)
     target = make_target(pose)
     branches = _branches(robot, arm, target.pose)
-    dtype = target.pose.dtype
-    return _collect(
-        branches,
+    newton = branches.newton
+    offset = float(np.linalg.norm(arm.offset))
+    return collect(
+        newton.q,
+        newton.converged,
+        (newton.position_error, newton.rotation_error),
         target,
-        jnp.asarray(robot.lower, dtype),
-        jnp.asarray(robot.upper, dtype),
-        reach=(arm.wrist_range, float(np.linalg.norm(arm.offset))),
-        joints=robot.joints,
+        limits_of(robot.lower, robot.upper, target.pose.dtype),
+        _obstacle(branches.shoulder_distance, (arm.wrist_range, offset)),
+        periodic=(True,) * robot.joints,
     )
+
+
+class BranchStatus(IntEnum):
+    """What became of one branch."""
+
+    SOLVED = 0
+    OUTSIDE_LIMITS = 1
+    DUPLICATE = 2
+    NOT_CONVERGED = 3
+    NO_GUESS = 4
+
+    @property
+    def message(self) -> str:
+        """The meaning, as a sentence."""
+        return _BRANCH[self]
+
+
+_BRANCH = {
+    BranchStatus.SOLVED: "A solution within the joint limits.",
+    BranchStatus.OUTSIDE_LIMITS: "A solution, but a joint is outside its limits.",
+    BranchStatus.DUPLICATE: "Dropped: Newton-Raphson ended at the solution of another branch.",
+    BranchStatus.NOT_CONVERGED: "Dropped: Newton-Raphson did not converge from this guess.",
+    BranchStatus.NO_GUESS: "Dropped: the arm with a spherical wrist has no solution in this "
+    "branch, and Newton-Raphson did not converge from its closest approach.",
+}
 
 
 def _family(robot: Robot) -> OffsetWristArm:
@@ -186,24 +214,16 @@ def _stack(solved: Solved, joint: int) -> Lane:
     return Lane(jnp.stack(pair))
 
 
-@functools.partial(jax.jit, static_argnames=("reach", "joints"))
-def _collect(
-    branches: SeededBranches,
-    target: Target,
-    lower: jax.Array,
-    upper: jax.Array,
-    reach: tuple[tuple[float, float], float],
-    joints: int,
-) -> IKSolutions:
-    """Wrap, deduplicate, rank, and say what became of each branch and of the pose."""
-    periodic = (True,) * joints
-    q, newton = wrap_into_limits(branches.newton.q, lower, upper, periodic), branches.newton
-    converged = newton.converged & target.valid[..., None]
-    duplicate = _duplicates(q, converged)
-    found = converged & ~duplicate
-    within = found & are_within_limits(q, lower, upper)
-    branch = jnp.select(
-        [within, found, converged, branches.exact],
+@jax.jit
+def _outcomes(
+    newton: NewtonResult, exact: jax.Array, limits: tuple[jax.Array, jax.Array]
+) -> jax.Array:
+    """What became of each branch."""
+    periodic = (True,) * newton.q.shape[-1]
+    q = wrap_into_limits(newton.q, *limits, periodic)
+    found = newton.converged & ~duplicates(q, newton.converged, periodic)
+    return jnp.select(
+        [found & are_within_limits(q, *limits), found, newton.converged, exact],
         [
             jnp.int32(BranchStatus.SOLVED),
             jnp.int32(BranchStatus.OUTSIDE_LIMITS),
@@ -212,54 +232,15 @@ def _collect(
         ],
         jnp.int32(BranchStatus.NO_GUESS),
     )
-    worth = jnp.where(found, limit_margin(q, lower, upper), -jnp.inf)
-    order = jnp.argsort(-worth, axis=-1, stable=True)
 
-    def ranked(x: jax.Array, empty: float) -> jax.Array:
-        index = order.reshape(order.shape + (1,) * (x.ndim - order.ndim))
-        rest = jnp.full(
-            (*x.shape[: order.ndim - 1], SLOTS - BRANCHES, *x.shape[order.ndim :]), empty
-        )
-        best_first = jnp.take_along_axis(x, index, axis=order.ndim - 1)
-        return jnp.concatenate([best_first, rest.astype(x.dtype)], axis=order.ndim - 1)
 
+@functools.partial(jax.jit, static_argnames="reach")
+def _obstacle(distance: jax.Array, reach: tuple[tuple[float, float], float]) -> jax.Array:
+    """What a distance of the target's axis 6 from the shoulder proves."""
     (near, far), offset = reach
-    distance = branches.shoulder_distance
-    rounding = LIMIT_ROUNDING.of(q.dtype)
-    out_of_reach = (distance - offset > far + rounding) | (distance + offset < near - rounding)
-    count = jnp.sum(found, axis=-1, dtype=jnp.int32)
-    status = jnp.select(
-        [~target.valid, jnp.any(within, axis=-1), count > 0, out_of_reach],
-        [
-            jnp.int32(IKStatus.INVALID_POSE),
-            jnp.int32(IKStatus.SOLVED),
-            jnp.int32(IKStatus.OUTSIDE_LIMITS),
-            jnp.int32(IKStatus.UNREACHABLE),
-        ],
-        jnp.int32(IKStatus.UNDECIDED),
+    rounding = LIMIT_ROUNDING.of(distance.dtype)
+    return jnp.select(
+        [distance - offset > far + rounding, distance + offset < near - rounding],
+        [jnp.int32(Obstacle.TOO_FAR), jnp.int32(Obstacle.TOO_NEAR)],
+        jnp.int32(Obstacle.NONE),
     )
-    return IKSolutions(
-        q=ranked(jnp.where(found[..., None], q, 0.0), 0.0),
-        found=ranked(found, False),
-        within_limits=ranked(within, False),
-        position_error=ranked(jnp.where(found, newton.position_error, jnp.inf), jnp.inf),
-        rotation_error=ranked(jnp.where(found, newton.rotation_error, jnp.inf), jnp.inf),
-        branch=ranked(branch, BranchStatus.EMPTY),
-        status=status,
-        count=count,
-        pose_distance=target.distance,
-        lower=lower,
-        upper=upper,
-        periodic=periodic,
-    )
-
-
-def _duplicates(q: jax.Array, converged: jax.Array) -> jax.Array:
-    """(..., 8): whether a branch has ended at the solution of one before it."""
-    later = []
-    for j in range(q.shape[-2]):
-        turns = q[..., :j, :] - q[..., j : j + 1, :]
-        apart = jnp.abs(turns - 2 * jnp.pi * jnp.round(turns / (2 * jnp.pi)))
-        same = jnp.all(apart < SAME_SOLUTION.of(q.dtype), axis=-1) & converged[..., :j]
-        later.append(jnp.any(same, axis=-1))
-    return jnp.stack(later, axis=-1) & converged

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from enum import IntEnum
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 
+from niryo_jax.jacobian import manipulability
 from niryo_jax.lanes.batching import as_floating, check_shape
+from niryo_jax.robot import Robot
 from niryo_jax.tolerances import LIMIT_ROUNDING
 
 SLOTS = 16
@@ -34,38 +38,64 @@ class IKStatus(IntEnum):
 _STATUS = {
     IKStatus.SOLVED: "At least one solution lies within the joint limits.",
     IKStatus.OUTSIDE_LIMITS: "The pose can be reached, but only outside the joint limits.",
-    IKStatus.UNREACHABLE: "The pose cannot be reached: the wrist would be too far from the "
-    "shoulder, or too near, whatever the joint angles.",
-    IKStatus.UNDECIDED: "No solution was found, and this method cannot prove that there is none.",
+    IKStatus.UNREACHABLE: "The pose cannot be reached, whatever the joint angles.",
+    IKStatus.UNDECIDED: "No solution was found, and it is not proved that there is none.",
     IKStatus.INVALID_POSE: "The pose is not a rigid motion: an entry is not finite, the last row "
     "is not (0, 0, 0, 1), or the rotation block is too far from a rotation.",
 }
 
 
-class BranchStatus(IntEnum):
-    """What became of one branch, that is, of one slot."""
+class Obstacle(IntEnum):
+    """Why a pose is out of reach."""
 
-    SOLVED = 0
-    OUTSIDE_LIMITS = 1
-    DUPLICATE = 2
-    NOT_CONVERGED = 3
-    NO_GUESS = 4
-    EMPTY = 5
+    NONE = 0
+    TOO_FAR = 1
+    TOO_NEAR = 2
+    NO_ROOT = 3
 
     @property
     def message(self) -> str:
         """The meaning, as a sentence."""
-        return _BRANCH[self]
+        return _OBSTACLE[self]
 
 
-_BRANCH = {
-    BranchStatus.SOLVED: "A solution within the joint limits.",
-    BranchStatus.OUTSIDE_LIMITS: "A solution, but a joint is outside its limits.",
-    BranchStatus.DUPLICATE: "Dropped: Newton-Raphson ended at the solution of another branch.",
-    BranchStatus.NOT_CONVERGED: "Dropped: Newton-Raphson did not converge from this guess.",
-    BranchStatus.NO_GUESS: "Dropped: the arm with a spherical wrist has no solution in this "
-    "branch, and Newton-Raphson did not converge from its closest approach.",
-    BranchStatus.EMPTY: "No branch belongs to this slot.",
+_OBSTACLE = {
+    Obstacle.NONE: "Nothing proves that the pose is out of reach.",
+    Obstacle.TOO_FAR: "Wherever the wrist may be for this pose, it is farther from the shoulder "
+    "than the stretched arm is long.",
+    Obstacle.TOO_NEAR: "Wherever the wrist may be for this pose, it is nearer to the shoulder than "
+    "the folded arm can bring it.",
+    Obstacle.NO_ROOT: "The wrist can be placed, but axes 4 and 5 can then never supply the rest of "
+    "the rotation: the condition for it has no root, by a bound on how fast it varies.",
+}
+
+
+class Singularity(IntEnum):
+    """Why a solution's derivatives are not those of an isolated solution."""
+
+    NONE = 0
+    SHOULDER = 1
+    ELBOW = 2
+    WRIST = 3
+    MERGED = 4
+    SELF_MOTION = 5
+
+    @property
+    def message(self) -> str:
+        """The meaning, as a sentence."""
+        return _SINGULARITY[self]
+
+
+_SINGULARITY = {
+    Singularity.NONE: "The solution is regular.",
+    Singularity.SHOULDER: "The wrist point lies on axis 1, which can turn without moving it: one "
+    "of infinitely many solutions.",
+    Singularity.ELBOW: "The arm is stretched or folded: two solutions are one here.",
+    Singularity.WRIST: "Axes 4 and 6 are aligned and can turn against each other: one of "
+    "infinitely many solutions.",
+    Singularity.MERGED: "Two solutions are one here, or nearly: the Jacobian is singular.",
+    Singularity.SELF_MOTION: "The arm can move while the tool rests: one of infinitely many "
+    "solutions.",
 }
 
 
@@ -81,8 +111,15 @@ class IKSolutions:
         within_limits: (..., slots) whether it is also within the joint limits.
         position_error, rotation_error: (..., slots) metres and radians by which forward kinematics
             of q misses the pose; infinite where not `found`.
-        branch: (..., slots) a `BranchStatus`: why the slot does not hold a solution within limits.
+        label: (..., slots) which solution this is: 1 if the wrist reaches to the positive side of
+            axis 1, plus 2 if the elbow angle is positive, plus 4 if theta_5 is, plus 8 times the
+            number of solutions before it that are alike in all three; -1 where not `found`, or
+            where the method has no labels.
+        singularity: (..., slots) a `Singularity`; derivatives there are the least that follow the
+            pose, and not those of an isolated solution.
         status: (...,) an `IKStatus`.
+        obstacle: (...,) an `Obstacle`: what proves that an UNREACHABLE pose is.
+        complete: (...,) whether it is proved that there are no other solutions.
         count: (...,) the number of solutions found.
         pose_distance: (...,) distance of the pose as given from the rigid motion that was
             solved for (Frobenius norm).
@@ -98,13 +135,54 @@ class IKSolutions:
     within_limits: jax.Array
     position_error: jax.Array
     rotation_error: jax.Array
-    branch: jax.Array
+    label: jax.Array
+    singularity: jax.Array
     status: jax.Array
+    obstacle: jax.Array
+    complete: jax.Array
     count: jax.Array
     pose_distance: jax.Array
     lower: jax.Array
     upper: jax.Array
     periodic: tuple[bool, ...] = dataclasses.field(metadata={"static": True})
+
+    def map(self, function: Callable[[jax.Array], jax.Array]) -> IKSolutions:
+        """The answers with a function applied to every array that has the batch axes in front.
+
+        For example `solutions.map(lambda x: x[0])` for the first pose of a batch.
+        """
+        batched = {
+            field.name: function(getattr(self, field.name))
+            for field in dataclasses.fields(self)
+            if field.name not in ("lower", "upper", "periodic")
+        }
+        return dataclasses.replace(self, **batched)
+
+    def message(self, index: int | tuple[int, ...] = ()) -> str:
+        """What became of one pose, in words."""
+        status = IKStatus(int(self.status[index]))
+        if status is IKStatus.UNREACHABLE:
+            return f"{status.message} {Obstacle(int(self.obstacle[index])).message}"
+        codes = {int(x) for x in np.asarray(self.singularity[index])[np.asarray(self.found[index])]}
+        notes = [Singularity(code).message for code in sorted(codes - {Singularity.NONE})]
+        if status in (IKStatus.SOLVED, IKStatus.OUTSIDE_LIMITS) and not self.complete[index]:
+            notes.append("There may be more solutions than were found.")
+        return " ".join([status.message, *notes])
+
+    def farthest_from_limits(self) -> tuple[jax.Array, jax.Array]:
+        """The solution farthest within the limits: (..., n), and (...,) whether there is one."""
+        return self.q[..., 0, :], self.within_limits[..., 0]
+
+    def most_manipulable(self, robot: Robot) -> tuple[jax.Array, jax.Array]:
+        """The solution of greatest `manipulability` within the limits, and whether there is one.
+
+        Args:
+            robot: the arm that was solved for.
+        """
+        measure = jnp.where(self.within_limits, manipulability(robot, self.q), -1.0)
+        best = jnp.argmax(measure, axis=-1)[..., None]
+        chosen = jnp.take_along_axis(self.q, best[..., None], axis=-2)[..., 0, :]
+        return chosen, jnp.any(self.within_limits, axis=-1)
 
     def nearest(self, q_ref: ArrayLike) -> tuple[jax.Array, jax.Array]:
         """The solution within the limits that is nearest to a joint vector, 2 pi turns considered.

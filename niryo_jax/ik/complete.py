@@ -1,0 +1,399 @@
+"""Complete inverse kinematics of offset-wrist arms: every real solution, or a proof of none.
+
+A fast pass (`sweep`) solves most poses; those whose solutions it cannot prove complete are solved
+again, a chunk at a time, by subdivision with a proof (`subdivide`). Both are parts of one program.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from niryo_jax import lanes
+from niryo_jax.geometry import Geometry, on_robot
+from niryo_jax.ik.arm import Arm, arm_from
+from niryo_jax.ik.arrange import Slots, arrange
+from niryo_jax.ik.collect import finish, limits_of
+from niryo_jax.ik.error import pose_errors
+from niryo_jax.ik.implicit import implicit_rate, zero_tangent
+from niryo_jax.ik.newton import refine
+from niryo_jax.ik.reduction import (
+    Circle,
+    circle_columns,
+    circle_from,
+    is_out_of_reach,
+    joint_angles,
+    wrist_circle,
+)
+from niryo_jax.ik.solutions import IKSolutions, Obstacle, Singularity
+from niryo_jax.ik.subdivide import SELF_MOTION, Roots, find_roots, posture_of, running_count
+from niryo_jax.ik.sweep import spherical, sweep
+from niryo_jax.ik.target import Target, make_target
+from niryo_jax.jacobian import pose_and_jacobian
+from niryo_jax.lanes import Lane, Lanes
+from niryo_jax.lanes.batching import as_floating, check_shape
+from niryo_jax.offset_wrist import Known, arm_numbers
+from niryo_jax.robot import Robot, is_concrete
+from niryo_jax.tolerances import (
+    IK_POLISH,
+    IK_POSITION,
+    IK_ROTATION,
+    REACH_ROUNDING,
+    SAME_SOLUTION,
+    SINGULAR,
+)
+
+_SMALL = 16
+_BLOCK = 512
+_CHUNK = 1024
+_AT_ONCE = 2048
+_POLISHED = 128
+_MOST = 16
+
+
+class Answer(NamedTuple):
+    """What the solver says of a batch of poses.
+
+    Attributes:
+        slots: the solutions.
+        reach: (batch,) 1 where every point of the wrist's circle is too far, 2 where too near.
+        proved: (batch,) whether the solutions are proved to be all.
+    """
+
+    slots: Slots
+    reach: jax.Array
+    proved: jax.Array
+
+
+Limits = tuple[jax.Array, jax.Array]
+
+
+def solve(
+    geometry: Geometry, arm: Arm, target: jax.Array, valid: jax.Array, limits: Limits
+) -> Answer:
+    """All solutions of rigid motions (batch, 4, 4)."""
+    size = target.shape[0]
+    if size == 0:
+        return _sweep_block(geometry, arm, target, valid, limits)[0]
+    block = _BLOCK if jax.default_backend() == "cpu" else size
+    if size <= block:
+        answer, left = _sweep_block(geometry, arm, target, valid, limits)
+    else:
+        blocks = -(-size // block)
+        pad = blocks * block - size
+        many = jnp.pad(target, ((0, pad), (0, 0), (0, 0)), mode="edge")
+        parts = jax.lax.map(
+            lambda part: _sweep_block(geometry, arm, part[0], part[1], limits),
+            (many.reshape(blocks, block, 4, 4), jnp.pad(valid, (0, pad)).reshape(blocks, block)),
+        )
+        answer, left = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:size], parts)
+
+    def again(state: tuple[Answer], rows: jax.Array, live: jax.Array) -> tuple[Answer]:
+        solve_again = _polish_chunk if arm.is_spherical else _subdivide_chunk
+        part = solve_again(geometry, arm, target[rows], live, limits)
+        where = jnp.where(live, rows, size)
+        return (jax.tree.map(lambda x, y: x.at[where].set(y, mode="drop"), state[0], part),)
+
+    return for_each_chunk(left, min(_CHUNK, size), again, (answer,))[0]
+
+
+State = TypeVar("State")
+
+
+def for_each_chunk(
+    which: jax.Array,
+    chunk: int,
+    body: Callable[[State, jax.Array, jax.Array], State],
+    state: State,
+) -> State:
+    """Run `body(state, rows, live)` on the chosen rows, so many at a time."""
+    count = jnp.sum(which, dtype=jnp.int32)
+    order = jnp.nonzero(which, size=which.shape[0], fill_value=0)[0].astype(jnp.int32)
+    order = jnp.pad(order, (0, chunk))
+
+    def step(carry: tuple[jax.Array, State]) -> tuple[jax.Array, State]:
+        at, state = carry
+        rows = jax.lax.dynamic_slice_in_dim(order, at, chunk)
+        return at + chunk, body(state, rows, at + jnp.arange(chunk) < count)
+
+    return jax.lax.while_loop(lambda carry: carry[0] < count, step, (jnp.int32(0), state))[1]
+
+
+def _sweep_block(
+    geometry: Geometry, arm: Arm, target: jax.Array, valid: jax.Array, limits: Limits
+) -> tuple[Answer, jax.Array]:
+    """The answers of the fast pass, and which poses it leaves open."""
+    batch, dtype = target.shape[0], target.dtype
+    goal = lanes.unpack(target, 2)
+    circle = wrist_circle(arm, goal)
+    reach = _reach(circle, batch, dtype)
+    find = spherical if arm.is_spherical else sweep
+    candidates = find(arm, circle, batch, dtype)
+    position, rotation = (lanes.store(x).array for x in pose_errors(geometry, goal, candidates.q))
+    close = (position < IK_POSITION.of(dtype)) & (rotation < IK_ROTATION.of(dtype))
+    possible = candidates.exists & (valid & (reach == 0))
+    found = possible & close
+    slots = arrange(arm, candidates.q, found, (position, rotation), candidates.singularity, limits)
+    proved = (reach > 0) | (candidates.proved & ~jnp.any(possible & ~close, axis=0))
+    return Answer(slots, reach, proved), valid & ~proved
+
+
+def _reach(circle: Circle, batch: int, dtype: np.dtype) -> jax.Array:
+    far, near = is_out_of_reach(circle, REACH_ROUNDING.of(dtype))
+    far, near = jnp.broadcast_to(far, (batch,)), jnp.broadcast_to(near, (batch,))
+    return jnp.where(far, 1, jnp.where(near, 2, 0)).astype(jnp.int32)
+
+
+def _subdivide_chunk(
+    geometry: Geometry, arm: Arm, target: jax.Array, live: jax.Array, limits: Limits
+) -> Answer:
+    """The answers of the poses that the fast pass left open."""
+    rows, dtype = target.shape[0], target.dtype
+    circle = wrist_circle(arm, lanes.unpack(target, 2))
+    reach = _reach(circle, rows, dtype)
+    columns = lanes.pack(circle_columns(circle), (rows,), dtype)
+    roots = find_roots(arm, columns, live & (reach == 0))
+    solved = _joint_vectors(geometry, arm, columns, target, roots)
+    q, position, rotation = _polish(geometry, target, solved, roots.pose)
+    real = roots.pose < rows
+    good = real & (position < IK_POSITION.of(dtype)) & (rotation < IK_ROTATION.of(dtype))
+
+    # Sorted by pose and by a number that equal joint vectors share, so that they are neighbours.
+    owner = jnp.where(good, roots.pose, rows)
+    order = jnp.argsort(owner.astype(dtype) + _signature(q))
+    owner, ordered = owner[order], q[order]
+    kept = (owner < rows) & ~_repeats(ordered, owner)
+    count, _ = running_count(kept)
+    first = jnp.searchsorted(owner, jnp.arange(rows))
+    before = jnp.where(first > 0, count[first - 1], 0)
+    place = count - 1 - before[jnp.minimum(owner, rows - 1)]
+    there = (jnp.where(kept & (place < _MOST), place, _MOST), owner)
+    table = (
+        jnp.full((_MOST, rows), -1, jnp.int32).at[there].set(order.astype(jnp.int32), mode="drop")
+    )
+    found, taken = table >= 0, jnp.maximum(table, 0)
+    candidates = np.array([Lane(q[:, i][taken]) for i in range(q.shape[1])], dtype=object)
+    crowded = jnp.zeros(rows, bool).at[jnp.where(kept & (place >= _MOST), owner, rows)]
+    crowded = crowded.set(True, mode="drop")
+    moves = (roots.intervals[:, 1] >= 4 * SELF_MOTION)[taken]
+    singularity = jnp.where(moves, Singularity.SELF_MOTION, _merged(geometry, candidates))
+    errors = position[taken], rotation[taken]
+    slots = arrange(arm, candidates, found, errors, singularity, limits)
+    proved = (reach > 0) | (roots.complete & ~crowded)
+    return Answer(slots, reach, proved)
+
+
+def _merged(geometry: Geometry, q: Lanes) -> jax.Array:
+    """`Singularity.MERGED` where the Jacobian is singular."""
+    rows = pose_and_jacobian(geometry, q, "body", stored=True)[1]
+    sizes = [lanes.norm(row) for row in rows]
+    volume = lanes.volume(rows)
+    for size in sizes:
+        volume = volume / size
+    singular = lanes.store(volume).array < SINGULAR.of(volume.array.dtype)
+    return jnp.where(singular, Singularity.MERGED, Singularity.NONE).astype(jnp.int32)
+
+
+def _polish_chunk(
+    geometry: Geometry, arm: Arm, target: jax.Array, live: jax.Array, limits: Limits
+) -> Answer:
+    """The answers of poses of an arm with a spherical wrist whose closed form is too rough."""
+    rows, dtype = target.shape[0], target.dtype
+    circle = wrist_circle(arm, lanes.unpack(target, 2))
+    candidates = spherical(arm, circle, rows, dtype)
+    slots = candidates.exists.shape[0]
+    pose = jnp.where(candidates.exists & live, jnp.arange(rows), rows).reshape(-1)
+    q = jnp.stack([lane.array.reshape(-1) for lane in candidates.q], axis=-1)
+    goal = jnp.broadcast_to(target, (slots, rows, 4, 4)).reshape(-1, 4, 4)
+    solved = _polish(geometry, target, Solved(q, *_misses(geometry, goal, lanes.unpack(q))), pose)
+    q, position, rotation = (x.reshape(slots, rows, *x.shape[1:]) for x in solved)
+    found = (pose < rows).reshape(slots, rows)
+    found = found & (position < IK_POSITION.of(dtype)) & (rotation < IK_ROTATION.of(dtype))
+    errors = position, rotation
+    arranged = arrange(arm, lanes.unpack(q), found, errors, candidates.singularity, limits)
+    proved = ~jnp.any(candidates.exists & ~found, axis=0)
+    return Answer(arranged, _reach(circle, rows, dtype), proved)
+
+
+class Solved(NamedTuple):
+    """Joint vectors (r, n), and the metres and radians by which they miss."""
+
+    q: jax.Array
+    position: jax.Array
+    rotation: jax.Array
+
+    def replace(self, where: jax.Array, new: Solved) -> Solved:
+        """With the rows `where` replaced; rows out of range are left out."""
+        return Solved(*(x.at[where].set(y, mode="drop") for x, y in zip(self, new)))
+
+
+def _joint_vectors(
+    geometry: Geometry, arm: Arm, columns: jax.Array, target: jax.Array, roots: Roots
+) -> Solved:
+    """The joint vector of each root."""
+    places, dtype = roots.pose.shape[0], target.dtype
+
+    def some(state: Solved, at: jax.Array, live: jax.Array) -> Solved:
+        pose = jnp.minimum(roots.pose[at], target.shape[0] - 1)
+        found = posture_of(arm, columns[pose], roots.intervals[at])
+        circle = circle_from(lanes.unpack(columns[pose]))
+        q = lanes.map_lanes(lanes.store, joint_angles(arm, circle, found))
+        misses = _misses(geometry, target[pose], q)
+        where = jnp.where(live, at, places)
+        return state.replace(where, Solved(lanes.pack(q, at.shape, dtype), *misses))
+
+    nothing = jnp.zeros((places, geometry.joints), dtype)
+    far = jnp.full(places, jnp.inf, dtype)
+    filled = roots.pose < target.shape[0]
+    return for_each_chunk(filled, min(_AT_ONCE, places), some, Solved(nothing, far, far))
+
+
+def _misses(geometry: Geometry, target: jax.Array, q: Lanes) -> tuple[jax.Array, jax.Array]:
+    position, rotation = pose_errors(geometry, lanes.unpack(target, 2), q)
+    return lanes.store(position).array, lanes.store(rotation).array
+
+
+def _signature(q: jax.Array) -> jax.Array:
+    """A number between 0 and 1/2 for joint vectors (r, n), the same for whole turns."""
+    total = jnp.zeros(q.shape[0], q.dtype)
+    for joint, angle in enumerate(lanes.unpack(q)):
+        # Nothing about these numbers matters but that no symmetry of an arm is one of theirs.
+        total = total + math.cos(joint) * lanes.sincos(angle + (0.3 + 0.7 * joint))[0].array
+    return 0.25 + 0.05 * total
+
+
+def _repeats(q: jax.Array, owner: jax.Array) -> jax.Array:
+    """Whether a joint vector (r, n) of the same pose is equal to one of the three before it."""
+    repeats = jnp.zeros(owner.shape, bool)
+    for shift in (1, 2, 3):
+        turn = jnp.abs(q[shift:] - q[:-shift])
+        turn = jnp.minimum(turn, 2 * np.pi - turn)
+        same = jnp.all(turn < SAME_SOLUTION.of(q.dtype), axis=1)
+        same = same & (owner[shift:] == owner[:-shift])
+        repeats = repeats | jnp.pad(same, (shift, 0))
+    return repeats
+
+
+def _polish(geometry: Geometry, target: jax.Array, solved: Solved, pose: jax.Array) -> Solved:
+    """Newton's method on the full pose for the joint vectors that miss by more than rounding."""
+    q, position, rotation = solved
+    tolerance = IK_POLISH.of(q.dtype)
+    rough = (pose < target.shape[0]) & ((position > tolerance) | (rotation > tolerance))
+
+    def again(state: Solved, at: jax.Array, live: jax.Array) -> Solved:
+        goal = target[jnp.minimum(pose[at], target.shape[0] - 1)]
+        q = refine(geometry, goal, state.q[at], tolerance)
+        position, rotation = _misses(geometry, goal, lanes.unpack(q))
+        better = live & (position + rotation < state.position[at] + state.rotation[at])
+        where = jnp.where(better, at, pose.shape[0])
+        return state.replace(where, Solved(q, position, rotation))
+
+    return for_each_chunk(rough, min(_POLISHED, pose.shape[0]), again, solved)
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _answer(
+    known: Known,
+    geometry: Geometry,
+    numbers: jax.Array,
+    target: jax.Array,
+    valid: jax.Array,
+    limits: Limits,
+) -> Answer:
+    return solve(geometry, arm_from(known, list(numbers)), target, valid, limits)
+
+
+@_answer.defjvp
+def _answer_jvp(
+    known: Known, primals: tuple[Any, ...], tangents: tuple[Any, ...]
+) -> tuple[Answer, Answer]:
+    answer = _answer(known, *primals)
+    geometry, _, target, _, _ = primals
+    slots = answer.slots
+    rates = implicit_rate(
+        geometry,
+        target[:, None],
+        slots.q,
+        slots.found,
+        (tangents[0], tangents[2][:, None]),
+    )
+    zero = zero_tangent(answer)
+    return answer, zero._replace(slots=zero.slots._replace(q=rates))
+
+
+@on_robot
+def _complete(
+    geometry: Geometry,
+    target: Target,
+    numbers: jax.Array,
+    lower: jax.Array,
+    upper: jax.Array,
+    known: Known,
+) -> IKSolutions:
+    batch = target.valid.shape
+    flat = target.pose.reshape(-1, 4, 4), target.valid.reshape(-1)
+    answer = _answer(known, geometry, numbers, *flat, (lower, upper))
+    slots, reach, proved = jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), answer)
+    none = proved & ~jnp.any(slots.found, axis=-1)
+    obstacle = jnp.where(reach > 0, reach, jnp.where(none, Obstacle.NO_ROOT, Obstacle.NONE))
+    return finish(
+        slots.q,
+        slots.found,
+        slots.within,
+        (slots.position_error, slots.rotation_error),
+        slots.label,
+        slots.singularity,
+        target,
+        (lower, upper),
+        obstacle.astype(jnp.int32),
+        proved,
+        periodic=(True,) * 6,
+    )
+
+
+def solve_complete(robot: Robot, pose: ArrayLike) -> IKSolutions:
+    """`inverse_kinematics` of an offset-wrist arm, by the complete method."""
+    known = robot.offset_wrist
+    if known is None:
+        raise ValueError(
+            "method 'complete' needs six revolute joints of which axes 1 and 2 meet, 2 and 3 are "
+            f"parallel, 4 and 5 meet; {robot.name} is not known to be such an arm"
+        )
+    if robot.screws.ndim != 2:
+        raise ValueError(
+            f"robot: expected screws (6, 6), got {robot.screws.shape}; use jax.vmap for many robots"
+        )
+    pose = as_floating("pose", pose)
+    check_shape("pose", pose, (4, 4))
+    xp = np if is_concrete(robot.screws, robot.home) else jnp
+    numbers = arm_numbers(robot.screws, robot.home, xp)
+    free = np.array([i for i, number in enumerate(known) if number is None])
+    arguments = (
+        jnp.asarray(numbers[free], pose.dtype),
+        *limits_of(robot.lower, robot.upper, pose.dtype),
+    )
+    batch, size = pose.shape[:-2], math.prod(pose.shape[:-2])
+    padded = _program_size(size)
+    if padded == size and len(batch) == 1:
+        return _complete(robot, make_target(pose), *arguments, known=known)
+    flat = jnp.pad(pose.reshape(size, 4, 4), ((0, padded - size), (0, 0), (0, 0)))
+    answer = _complete(robot, make_target(flat), *arguments, known=known)
+    return answer.map(lambda x: x[:size].reshape(*batch, *x.shape[1:]))
+
+
+def _program_size(size: int) -> int:
+    """The batch size to compile for: few different ones, at most a quarter more than asked."""
+    if size <= _SMALL:
+        return _SMALL
+    if size <= _BLOCK:
+        return _BLOCK
+    blocks = -(-size // _BLOCK)
+    step = 1 << max(0, blocks.bit_length() - 3)
+    return -(-blocks // step) * step * _BLOCK

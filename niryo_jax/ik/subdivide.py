@@ -1,0 +1,283 @@
+"""Every root of the one condition of an offset-wrist arm, by subdivision with a proof.
+
+Each interval of the curve is halved until it is proved to hold no root or exactly one (`bounds`),
+so that work goes where the function bends: near the edges of reach, near axis 1, and where roots
+nearly touch. The intervals of all poses wait on one stack; every step takes the top of it, so that
+the program has fixed shapes while the depth is as large as a pose asks.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from niryo_jax import lanes
+from niryo_jax.ik.arm import Arm
+from niryo_jax.ik.bounds import proves, remainder_bound
+from niryo_jax.ik.reduction import Circle, Posture, circle_from, crossing_posture, posture
+from niryo_jax.lanes import Lane
+from niryo_jax.tolerances import CONDITION_ROUNDING, CROSSING, NARROWEST, TOUCHING, VANISHING
+
+_START = 16
+_WIDTH = 1024
+_DEPTH = 48
+_ITEMS = 8192
+_ROOTS, _MORE_ROOTS = 18, 512
+_REFINEMENTS = 9
+_BRACKET, _TOUCHING, _CROSSING, SELF_MOTION = 0, 1, 2, 3
+
+
+class Roots(NamedTuple):
+    """Where the roots of many poses are, in one list.
+
+    Attributes:
+        pose: (r,) the row each belongs to; out of range behind the last.
+        intervals: (r, 6) what `posture_of` makes a posture of.
+        complete: (rows,) whether the roots of a row are proved to be all.
+    """
+
+    pose: jax.Array
+    intervals: jax.Array
+    complete: jax.Array
+
+
+class _State(NamedTuple):
+    # Rows (pose, kind * 4 + branch, low, high, f(low), f(high)).
+    stack: jax.Array
+    size: jax.Array
+    roots: jax.Array
+    number: jax.Array
+    steps: jax.Array
+
+
+def find_roots(arm: Arm, columns: jax.Array, live: jax.Array) -> Roots:
+    """All roots of the condition for a set of poses.
+
+    Args:
+        arm: the numbers of the arm.
+        columns: (rows, c) the columns of each pose's circle.
+        live: (rows,) which rows to solve.
+    """
+    rows, dtype = columns.shape[0], columns.dtype
+    most = _ROOTS * rows + _MORE_ROOTS
+    steps = -(-_ITEMS * rows // _WIDTH)
+    first, certain, start = _first_intervals(arm, columns, live)
+    stack = jnp.zeros((first.shape[0] + _WIDTH * _DEPTH, 6), dtype)
+    stack, size = _append(stack, jnp.int32(0), first, ~certain)
+    roots = jnp.full((most, 6), -1.0, dtype)
+    roots, count = _append(roots, jnp.int32(0), first, start)
+    state = _State(stack, size, roots, count, jnp.int32(0))
+    state = jax.lax.while_loop(
+        lambda state: (state.size > 0) & (state.steps < steps),
+        lambda state: _step(arm, columns, state),
+        state,
+    )
+    roots, count, unproved = jax.lax.cond(
+        state.size > 0,
+        lambda state: _give_up(state, rows),
+        lambda state: (state.roots, state.number, jnp.zeros(rows, bool)),
+        state,
+    )
+    pose = jnp.where(jnp.arange(most) < count, roots[:, 0].astype(jnp.int32), rows)
+    return Roots(pose, roots, live & ~unproved & (count <= most))
+
+
+def posture_of(arm: Arm, columns: jax.Array, intervals: jax.Array) -> Posture:
+    """The posture of each root, given the columns (r, c) of the pose it belongs to."""
+    circle = circle_from(lanes.unpack(columns))
+    code = intervals[:, 1].astype(jnp.int32)
+    kind = code // 4
+    elbow, shoulder = _signs(code % 4, columns.dtype)
+    t = _refine(arm, columns, elbow, shoulder, kind == _BRACKET, intervals)
+    sin_cos = lanes.sincos(Lane(t))
+    regular = posture(arm, circle, sin_cos, Lane(elbow), Lane(shoulder)).stored()
+    if not arm.is_planar:
+        return regular
+    crossing = crossing_posture(arm, circle, sin_cos, Lane(elbow), Lane(shoulder))
+    return regular.where(kind == _CROSSING, crossing).stored()
+
+
+def _give_up(state: _State, rows: int) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """What is left when the work runs out is not proved; its sign changes are still roots."""
+    waiting = jnp.arange(state.stack.shape[0]) < state.size
+    pose = jnp.where(waiting, state.stack[:, 0].astype(jnp.int32), rows)
+    unproved = jnp.zeros(rows, bool).at[pose].set(True, mode="drop")
+    changing = waiting & ((state.stack[:, 4] > 0) != (state.stack[:, 5] > 0))
+    return *_append(state.roots, state.number, state.stack, changing), unproved
+
+
+def _signs(branch: jax.Array, dtype: jax.typing.DTypeLike) -> tuple[jax.Array, jax.Array]:
+    """The signs of elbow and shoulder of a branch 0..3."""
+    one = jnp.ones(branch.shape, dtype)
+    return jnp.where(branch < 2, one, -one), jnp.where(branch % 2 == 0, one, -one)
+
+
+def _condition(
+    arm: Arm, columns: jax.Array, t: jax.Array, elbow: jax.Array, shoulder: jax.Array
+) -> tuple[jax.Array, Posture, Circle, tuple[Lane, Lane]]:
+    circle = circle_from(lanes.unpack(columns))
+    sin_cos = lanes.sincos(Lane(t))
+    found = posture(arm, circle, sin_cos, Lane(elbow), Lane(shoulder))
+    return lanes.store(found.dot - arm.wrist_angle).array, found, circle, sin_cos
+
+
+def _first_intervals(
+    arm: Arm, columns: jax.Array, live: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """The intervals to begin with, (rows * 4 * _START, 6), which are settled, which hold a root."""
+    rows, dtype = columns.shape[0], columns.dtype
+    nodes = np.linspace(-np.pi / 2, np.pi / 2, 2 * _START + 1)
+    sin, cos = np.sin(nodes), np.cos(nodes)
+    # The ends of the curve are where an arc's ends meet: exactly there, not almost.
+    cos[[0, -1]] = 0.0
+    elbow, shoulder = (Lane(x[:, None, None]) for x in _signs(jnp.arange(4), dtype))
+    circle = circle_from(lanes.unpack(columns))
+
+    def at(which: slice) -> tuple[tuple[Lane, Lane], Posture]:
+        sin_t, cos_t = (Lane(jnp.asarray(x[which, None], dtype)) for x in (sin, cos))
+        return (sin_t, cos_t), posture(arm, circle, (sin_t, cos_t), elbow, shoulder)
+
+    ends = lanes.store(at(slice(0, None, 2))[1].dot - arm.wrist_angle).array
+    ends = jnp.broadcast_to(ends, (4, _START + 1, rows))
+    t, middle = at(slice(1, None, 2))
+    width = np.pi / _START
+    remainder = lanes.store(remainder_bound(arm, circle, middle, t, width / 2), by=middle.dot).array
+    certain, _ = proves(remainder, width, ends[:, :-1], ends[:, 1:])
+    shape = (4, _START, rows)
+    low = jnp.asarray(nodes[:-1:2, None], dtype)
+    fields = [
+        jnp.arange(rows, dtype=dtype),
+        jnp.arange(4, dtype=dtype)[:, None, None],
+        low,
+        low + width,
+        ends[:, :-1],
+        ends[:, 1:],
+    ]
+    # Where the condition vanishes all along a branch, the arm moves while the tool rests: one
+    # posture stands for all.
+    still = jnp.max(jnp.abs(ends), axis=1, keepdims=True) < VANISHING.of(dtype)
+    change = (ends[:, :-1] > 0) != (ends[:, 1:] > 0)
+    one = still & (jnp.arange(_START) == 0)[:, None]
+    start = live & ((certain & change & ~still) | one)
+    fields[1] = fields[1] + 4 * SELF_MOTION * one.astype(dtype)
+    items = jnp.stack([jnp.broadcast_to(x, shape) for x in fields], -1).reshape(-1, 6)
+    certain = jnp.broadcast_to(certain | still | ~live, shape)
+    return items, certain.reshape(-1), start.reshape(-1)
+
+
+def _append(
+    rows: jax.Array, count: jax.Array, new: jax.Array, which: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Write the chosen rows of `new` behind the first `count` rows."""
+    place, total = running_count(which)
+    place = jnp.where(which, count + place - 1, rows.shape[0])
+    return rows.at[place].set(new, mode="drop"), count + total
+
+
+def running_count(which: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """How many are true up to and including each, and in all."""
+    # Two small products with a triangle of ones cost a fraction of a cumulative sum.
+    side = 64
+    table = jnp.pad(which, (0, -len(which) % side)).reshape(-1, side).astype(jnp.float32)
+    within = jnp.matmul(table, jnp.triu(jnp.ones((side, side), jnp.float32)), precision="highest")
+    before = jnp.cumsum(within[:, -1])
+    count = within + (before - within[:, -1])[:, None]
+    return count.reshape(-1)[: len(which)].astype(jnp.int32), before[-1].astype(jnp.int32)
+
+
+def _step(arm: Arm, columns: jax.Array, state: _State) -> _State:
+    """Take the top intervals off the stack, prove what can be proved, push halves of the rest."""
+    dtype = columns.dtype
+    rounding = CONDITION_ROUNDING.of(dtype)
+    start = jnp.maximum(state.size - _WIDTH, 0)
+    items = jax.lax.dynamic_slice_in_dim(state.stack, start, _WIDTH)
+    live = start + jnp.arange(_WIDTH) < state.size
+    pose, code, low, high, f_low, f_high = items.T
+    branch = code % 4
+    elbow, shoulder = _signs(branch.astype(jnp.int32), dtype)
+    middle, reach = 0.5 * (low + high), 0.5 * (high - low)
+    f_middle, found, circle, t = _condition(
+        arm, columns[pose.astype(jnp.int32)], middle, elbow, shoulder
+    )
+    remainder = lanes.store(
+        remainder_bound(arm, circle, found, t, Lane(reach)), by=Lane(f_middle)
+    ).array
+    touching = jnp.abs(f_middle) < TOUCHING
+    crossing = jnp.zeros_like(live)
+    if arm.is_planar:
+        distance = lanes.store(found.from_axis_1 + arm.radius * 2.0 * reach)
+        crossing = jnp.asarray(distance < CROSSING.of(dtype) * arm.radius)
+
+    halves, certain, roots = list[jax.Array](), list[jax.Array](), list[jax.Array]()
+    for a, b, f_a, f_b in ((low, middle, f_low, f_middle), (middle, high, f_middle, f_high)):
+        change = (f_a > 0) != (f_b > 0)
+        proved, sag = proves(remainder, reach, f_a, f_b)
+        narrow = (sag + reach * reach * 1e-2 < rounding) | (reach < NARROWEST.of(dtype))
+        kind = jnp.where(crossing, _CROSSING, jnp.where(proved, _BRACKET, _TOUCHING))
+        halves.append(jnp.stack([pose, branch + 4 * kind.astype(dtype), a, b, f_a, f_b], -1))
+        roots.append(live & ~crossing & jnp.where(proved, change, narrow & touching))
+        certain.append(proved | narrow | crossing | ~live)
+    # Both halves of a crossing hold the same roots.
+    roots[0] = roots[0] | (live & crossing)
+    if not arm.is_planar:
+        nowhere = live & _is_infeasible(arm, found, t, circle, reach)
+        roots = [root & ~nowhere for root in roots]
+        certain = [done | nowhere for done in certain]
+    both, is_root, is_open = (
+        jnp.concatenate(halves),
+        jnp.concatenate(roots),
+        ~jnp.concatenate(certain),
+    )
+    stack, size = _append(state.stack, start, both, is_open)
+    found_roots, count = _append(state.roots, state.number, both, is_root)
+    return _State(stack, size, found_roots, count, state.steps + 1)
+
+
+def _is_infeasible(
+    arm: Arm, found: Posture, t: tuple[Lane, Lane], circle: Circle, reach: jax.Array
+) -> jax.Array:
+    """Whether the wrist is so near axis 1 all over the interval that no theta_1 reaches it."""
+    r, step = arm.radius, arm.radius * 2.0 * reach
+    slope = r * abs(arm.lean[0]) / arm.lean[1]
+    rate = 2.0 * ((found.from_axis_1 + step) * r + (abs(found.out_of_plane) + step) * slope)
+    return jnp.asarray(found.inside + rate * (2.0 * reach) < 0.0)
+
+
+def _refine(
+    arm: Arm,
+    columns: jax.Array,
+    elbow: jax.Array,
+    shoulder: jax.Array,
+    bracket: jax.Array,
+    intervals: jax.Array,
+) -> jax.Array:
+    """The root in each bracket (regula falsi, Anderson and Bjoerck's weights), or its middle."""
+    _, _, low, high, f_low, f_high = intervals.T
+    middle = 0.5 * (low + high)
+    rounding = CONDITION_ROUNDING.of(columns.dtype)
+
+    def body(
+        _: int, state: tuple[jax.Array, jax.Array, jax.Array, jax.Array]
+    ) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+        # b is the newest point; the root lies between a and b.
+        a, b, f_a, f_b = state
+        slope = f_b - f_a
+        # At rounding level the weights would throw a converged root back towards the other end.
+        stay = (slope == 0) | (jnp.abs(f_b) < 0.25 * rounding)
+        c = jnp.where(stay, b, b - f_b * (b - a) / jnp.where(stay, 1.0, slope))
+        f_c = _condition(arm, columns, c, elbow, shoulder)[0]
+        same = (f_c > 0) == (f_b > 0)
+        weight = 1.0 - f_c / jnp.where(f_b == 0, 1.0, f_b)
+        weight = jnp.where(weight > 0, weight, 0.5)
+        return (
+            jnp.where(same, a, b),
+            c,
+            jnp.where(same, f_a * jnp.where(same, weight, 1.0), f_b),
+            f_c,
+        )
+
+    _, t, _, _ = jax.lax.fori_loop(0, _REFINEMENTS, body, (low, high, f_low, f_high))
+    return jnp.where(bracket, t, middle)
