@@ -30,8 +30,8 @@ def test_forward_kinematics():
 
 def test_batch_inverse_kinematics():
     result = run("02_batch_inverse_kinematics")
-    assert result.picked == result.solved >= 990
-    assert result.largest_error <= 1e-10
+    assert result.picked == result.solved == 1000
+    assert result.largest_error <= 1e-12
     assert result.far is nj.IKStatus.UNREACHABLE
 
 

@@ -25,7 +25,13 @@ from niryo_jax.cli.outcome import ExitCode, Failure, print_json
 from niryo_jax.cli.poses import read_pose
 from niryo_jax.cli.tables import angles, millimetres, solutions_table, unit_name
 from niryo_jax.hardware.rpy import rpy_from_pose
-from niryo_jax.ik import IKSolutions, IKStatus, inverse_kinematics, seeded_branches
+from niryo_jax.ik import (
+    IKSolutions,
+    IKStatus,
+    Singularity,
+    inverse_kinematics,
+    seeded_branches,
+)
 from niryo_jax.robot import Robot
 
 
@@ -88,7 +94,7 @@ def ik(
         bool, typer.Option("--millimetres", help="The position is given in millimetres.")
     ] = False,
     explain: Annotated[
-        bool, typer.Option("--explain", help="Show the eight guesses and what became of each.")
+        bool, typer.Option("--explain", help="Show what the published method makes of it.")
     ] = False,
     robot: RobotOption = RobotName.NIRYO_ONE,
     as_json: JsonOption = False,
@@ -101,9 +107,15 @@ def ik(
         branches = explain_branches(seeded_branches(arm, pose), solutions) if explain else []
     status = IKStatus(int(solutions.status))
     distance = float(solutions.pose_distance)
-    document = {"robot": robot.value, "status": status.name, "message": status.message}
+    message = solutions.message()
+    document: dict[str, object] = {
+        "robot": robot.value,
+        "status": status.name,
+        "message": message,
+        "complete": bool(solutions.complete),
+    }
     if status is IKStatus.INVALID_POSE:
-        raise Failure(status.message, ExitCode.USAGE, document)
+        raise Failure(message, ExitCode.USAGE, document)
     document |= {"pose": pose.tolist(), "pose_distance": distance}
     document |= {"solutions": _as_documents(solutions)}
     if explain:
@@ -114,11 +126,11 @@ def ik(
             stdout().print(explained_table(branches))
         note_rounding(distance)
     if status is not IKStatus.SOLVED:
-        raise Failure(status.message, ExitCode.NO_SOLUTION, document)
+        raise Failure(message, ExitCode.NO_SOLUTION, document)
     if as_json:
         print_json(document)
     else:
-        stdout().print(status.message)
+        stdout().print(message)
 
 
 def describe(robot: RobotOption = RobotName.NIRYO_ONE, as_json: JsonOption = False) -> None:
@@ -151,6 +163,8 @@ def _as_documents(solutions: IKSolutions) -> list[dict[str, object]]:
             "within_limits": bool(solutions.within_limits[slot]),
             "position_error_m": float(solutions.position_error[slot]),
             "rotation_error_rad": float(solutions.rotation_error[slot]),
+            "label": int(solutions.label[slot]),
+            "singularity": Singularity(int(solutions.singularity[slot])).name,
         }
         for slot in np.flatnonzero(np.asarray(solutions.found))
     ]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from niryo_jax.chain import forward_kinematics
 from niryo_jax.hardware.errors import NiryoError
-from niryo_jax.ik import IKStatus, inverse_kinematics
+from niryo_jax.ik import inverse_kinematics
 from niryo_jax.robot import Robot
 
 Vector = NDArray[np.float64]
@@ -179,7 +179,7 @@ def plan(
         index = index_of[step.pose.tobytes()]
         q, ok = nearest(joints)
         if not ok[index]:
-            reason = IKStatus(int(solutions.status[index])).message
+            reason = solutions.message(index)
             raise StepUnsolvable(f"step {number} ({step.title}) of {robot.name}: {reason}")
         joints = np.asarray(q[index], dtype=np.float64)
         error = position_error(robot, joints, step.pose)

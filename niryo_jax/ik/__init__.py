@@ -7,7 +7,9 @@ from typing import Literal
 from jax.typing import ArrayLike
 
 from niryo_jax.ik.complete import solve_complete
+from niryo_jax.ik.follow import JointPath, follow
 from niryo_jax.ik.newton import NewtonResult, newton_raphson
+from niryo_jax.ik.reachable import nearest_reachable
 from niryo_jax.ik.seeded import BranchStatus, SeededBranches, seeded_branches, solve_seeded
 from niryo_jax.ik.solutions import IKSolutions, IKStatus, Obstacle, Singularity, wrap_into_limits
 from niryo_jax.robot import Robot
@@ -52,11 +54,14 @@ __all__ = [
     "BranchStatus",
     "IKSolutions",
     "IKStatus",
+    "JointPath",
     "NewtonResult",
     "Obstacle",
     "SeededBranches",
     "Singularity",
+    "follow",
     "inverse_kinematics",
+    "nearest_reachable",
     "newton_raphson",
     "seeded_branches",
     "wrap_into_limits",

@@ -2,10 +2,10 @@
 
 With u the angle on the wrist's circle, f'' + u'^2 f is small: the condition would be a sinusoid in
 u if the wrist point stood still. Over an interval of width h on which |f'' + u'^2 f| <= m, with
-u' h <= 0.45, f has no root if both ends have one sign and are farther from zero than 0.14 m h^2,
-and is monotone, with the roots that its ends tell, if they differ by more than 0.62 m h^2. The
-bound m follows from the rates at which the arm's plane and its forearm can turn while the wrist
-point moves along its circle: docs/theory/complete-ik.md, section "Proof".
+u' h <= 0.45, f has no root if both ends have one sign and are farther from zero than 0.14 m h^2;
+and it has just the roots that the signs of its ends tell if they differ by more than 0.62 m h^2.
+The bound m follows from the rates at which the arm's plane and its forearm can turn while the
+wrist point moves along its circle: docs/theory/complete-ik.md, section "Proof".
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from niryo_jax.ik.reduction import Circle, HalfAngle, Posture
 from niryo_jax.lanes import Lane
 from niryo_jax.tolerances import CONDITION_ROUNDING
 
-_TINY = 1e-30
+# Its power 1.5 must not underflow in float32.
+_TINY = 1e-20
 
 
 def _rates(half: HalfAngle, sin_square: Lane, cos_square: Lane) -> tuple[Lane, Lane]:
@@ -64,7 +65,7 @@ def remainder_bound(
         known = near > 0.0
         near = lanes.select(known, near, 1.0)
         plane_1 = r / near
-        plane_2 = plane_1 + 2.0 * plane_1 * plane_1
+        plane_2 = plane_1 + plane_1 * plane_1
         reach_1, reach_2 = r, r + r * plane_1
     else:
         whole = lanes.sqrt(distance * distance + arm.sideways * arm.sideways)
@@ -90,7 +91,7 @@ def remainder_bound(
         reach_1, reach_2 = lanes.sqrt(h1 * h1 + v1 * v1), lanes.sqrt(h2 * h2 + v1 * v1)
     least = lanes.maximum(least, _TINY)
     tilt_1 = reach_1 / least
-    tilt_2 = reach_2 / least + 2.0 * tilt_1 * tilt_1
+    tilt_2 = reach_2 / least + tilt_1 * tilt_1
     # The angle of the forearm to the line from shoulder to wrist, as a function of E.
     unequal = abs(a * a - b * b) / (least * least)
     bend_1 = 0.5 * (1.0 + unequal)

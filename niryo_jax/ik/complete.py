@@ -55,6 +55,7 @@ _BLOCK = 512
 _CHUNK = 1024
 _AT_ONCE = 2048
 _POLISHED = 128
+_POLISHING = 5
 _MOST = 16
 
 
@@ -165,6 +166,10 @@ def _subdivide_chunk(
     real = roots.pose < rows
     good = real & (position < IK_POSITION.of(dtype)) & (rotation < IK_ROTATION.of(dtype))
 
+    # A root that is proved to be there and whose joint vector does not close is a solution lost.
+    lost = real & ~good & (roots.intervals[:, 1] < 4.0)
+    incomplete = jnp.zeros(rows, bool).at[jnp.where(lost, roots.pose, rows)].set(True, mode="drop")
+
     # Sorted by pose and by a number that equal joint vectors share, so that they are neighbours.
     owner = jnp.where(good, roots.pose, rows)
     order = jnp.argsort(owner.astype(dtype) + _signature(q))
@@ -186,7 +191,7 @@ def _subdivide_chunk(
     singularity = jnp.where(moves, Singularity.SELF_MOTION, _merged(geometry, candidates))
     errors = position[taken], rotation[taken]
     slots = arrange(arm, candidates, found, errors, singularity, limits)
-    proved = (reach > 0) | (roots.complete & ~crowded)
+    proved = (reach > 0) | (roots.complete & ~crowded & ~incomplete)
     return Answer(slots, reach, proved)
 
 
@@ -289,7 +294,7 @@ def _polish(geometry: Geometry, target: jax.Array, solved: Solved, pose: jax.Arr
 
     def again(state: Solved, at: jax.Array, live: jax.Array) -> Solved:
         goal = target[jnp.minimum(pose[at], target.shape[0] - 1)]
-        q = refine(geometry, goal, state.q[at], tolerance)
+        q = refine(geometry, goal, state.q[at], _POLISHING)
         position, rotation = _misses(geometry, goal, lanes.unpack(q))
         better = live & (position + rotation < state.position[at] + state.rotation[at])
         where = jnp.where(better, at, pose.shape[0])

@@ -23,12 +23,15 @@ from niryo_jax.geometry import Geometry, on_robot
 from niryo_jax.ik.error import Frame, error_twist
 from niryo_jax.ik.implicit import implicit_rate, zero_tangent
 from niryo_jax.ik.target import make_target
+from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import as_floating, check_shape
+from niryo_jax.lie import se3
 from niryo_jax.robot import Robot
 from niryo_jax.tolerances import DEPENDENT_ROW, NEWTON_POSITION, NEWTON_ROTATION
 
 _BLOCK = 256
+_LARGEST_STEP = 0.2
 
 
 class NewtonResult(NamedTuple):
@@ -210,10 +213,24 @@ def _iterate(
     )
 
 
-def refine(geometry: Geometry, target: jax.Array, q: jax.Array, tolerance: float) -> jax.Array:
-    """A few Newton steps from joint vectors (rows, n) that nearly solve (rows, 4, 4) targets."""
-    options = _Options("body", tolerance, tolerance, 6, 0.2, 0.0)
-    return _iterate(options, geometry, target, q).q
+def refine(geometry: Geometry, target: jax.Array, q: jax.Array, steps: int) -> jax.Array:
+    """Newton steps from joint vectors (rows, n) that all but solve (rows, 4, 4) targets.
+
+    So near the target half the difference of R and R^T stands for the logarithm of R.
+    """
+    goal_rotation, goal = se3.split(lanes.unpack(target, 2))
+
+    def body(_: int, q: jax.Array) -> jax.Array:
+        joints = lanes.unpack(q)
+        (rotation, position), jacobian = pose_and_jacobian(geometry, joints, "body", stored=True)
+        turn = lanes.vee(rotation.T @ goal_rotation)
+        twist = np.concatenate([turn, rotation.T @ (goal - position)])
+        twist, jacobian = (lanes.map_lanes(lanes.store, x) for x in (twist, jacobian))
+        step = lanes.solve(jacobian, twist, 0.0, DEPENDENT_ROW.of(q.dtype))
+        step = [lanes.maximum(lanes.minimum(x, _LARGEST_STEP), -_LARGEST_STEP) for x in step]
+        return lanes.pack(joints + lanes.lanes_of(step), q.shape[:1], q.dtype)
+
+    return jax.lax.fori_loop(0, steps, body, q)
 
 
 class _State(NamedTuple):

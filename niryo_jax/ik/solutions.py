@@ -111,10 +111,10 @@ class IKSolutions:
         within_limits: (..., slots) whether it is also within the joint limits.
         position_error, rotation_error: (..., slots) metres and radians by which forward kinematics
             of q misses the pose; infinite where not `found`.
-        label: (..., slots) which solution this is: 1 if the wrist reaches to the positive side of
-            axis 1, plus 2 if the elbow angle is positive, plus 4 if theta_5 is, plus 8 times the
-            number of solutions before it that are alike in all three; -1 where not `found`, or
-            where the method has no labels.
+        label: (..., slots) which solution this is: 1 if the wrist reaches behind axis 1 (along
+            P2 of docs/theory/complete-ik.md), plus 2 if the elbow angle is positive, plus 4 if
+            theta_5 is, plus 8 times the number of solutions before it that are alike in all three
+            (which can change along a path); -1 where not `found`, or where the method has none.
         singularity: (..., slots) a `Singularity`; derivatives there are the least that follow the
             pose, and not those of an isolated solution.
         status: (...,) an `IKStatus`.

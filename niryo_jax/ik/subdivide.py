@@ -241,8 +241,9 @@ def _is_infeasible(
 ) -> jax.Array:
     """Whether the wrist is so near axis 1 all over the interval that no theta_1 reaches it."""
     r, step = arm.radius, arm.radius * 2.0 * reach
-    slope = r * abs(arm.lean[0]) / arm.lean[1]
-    rate = 2.0 * ((found.from_axis_1 + step) * r + (abs(found.out_of_plane) + step) * slope)
+    slope = abs(arm.lean[0]) / arm.lean[1]
+    aside = abs(found.out_of_plane) + slope * step
+    rate = 2.0 * r * ((found.from_axis_1 + step) + aside * slope)
     return jnp.asarray(found.inside + rate * (2.0 * reach) < 0.0)
 
 
