@@ -75,7 +75,7 @@ NARROWEST = ByDtype(1e-14, 1e-6)
 CROSSING = ByDtype(1e-7, 1e-4)
 """The wrist point is on axis 1 where it is nearer than this share of its circle's radius."""
 
-TOUCHING = 1e-4
+SQUARE_ROOT_END = 1e-4
 """Where the condition is farther than this from zero, an interval too narrow to halve holds no
 root: even at a square-root end of the curve it varies by less."""
 
@@ -96,9 +96,6 @@ CLOSED_FORM = ByDtype(1e-9, 1e-4)
 
 VANISHING = ByDtype(2e-13, 1e-5)
 """The condition vanishes all along a branch where it is nowhere farther from zero than this."""
-
-SINGULAR = ByDtype(1e-9, 1e-5)
-"""A Jacobian is singular where its volume is below this share of the product of its rows."""
 
 SINGULAR_ANGLE = ByDtype(1e-7, 1e-4)
 """An arm is at a singularity of a spherical-wrist arm where it is nearer than this (radians)."""

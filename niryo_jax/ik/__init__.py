@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
 from jax.typing import ArrayLike
 
 from niryo_jax.ik.complete import solve_complete
+from niryo_jax.ik.continuation import nominal, solve_by_continuation
 from niryo_jax.ik.follow import JointPath, follow
+from niryo_jax.ik.multistart import solve_multistart
 from niryo_jax.ik.newton import NewtonResult, newton_raphson
 from niryo_jax.ik.reachable import nearest_reachable
 from niryo_jax.ik.seeded import BranchStatus, SeededBranches, seeded_branches, solve_seeded
 from niryo_jax.ik.solutions import IKSolutions, IKStatus, Obstacle, Singularity, wrap_into_limits
 from niryo_jax.robot import Robot
 
-Method = Literal["complete", "seeded"]
+Method = Literal["complete", "continuation", "multistart", "seeded"]
 
 
 def inverse_kinematics(robot: Robot, pose: ArrayLike, method: Method | None = None) -> IKSolutions:
@@ -28,9 +31,13 @@ def inverse_kinematics(robot: Robot, pose: ArrayLike, method: Method | None = No
             "complete": every real solution, or a proof that there is none, for six revolute joints
             of which axes 1 and 2 meet, 2 and 3 are parallel, 4 and 5 meet; in closed form where
             the wrist is spherical (docs/theory/complete-ik.md).
+            "continuation": for arms that are nearly of that kind (calibrated ones): the complete
+            sets of the nearest such arm, refined by Newton-Raphson on the true one.
+            "multistart": Newton-Raphson from 64 guesses, for any open chain.
             "seeded": Paden-Kahan guesses refined by Newton-Raphson, for the same arms (Todorovic
             et al. 2024, algorithm 2): about 95 % of all solutions.
-            Where not given, the one that fits the arm: "complete".
+            Where not given, the first of these four that fits the arm. `complete` of the answer
+            is False except for the first.
 
     Returns:
         `IKSolutions` with 16 slots. Nothing is raised for a pose that cannot be solved:
@@ -42,12 +49,27 @@ def inverse_kinematics(robot: Robot, pose: ArrayLike, method: Method | None = No
         ValueError: a wrong shape, an unknown method, an arm that the method does not fit.
         TypeError: a traced robot, for a method that needs a concrete one.
     """
-    method = method or "complete"
-    if method == "complete":
-        return solve_complete(robot, pose)
-    if method == "seeded":
-        return solve_seeded(robot, pose)
-    raise ValueError(f"method: expected 'complete' or 'seeded', got {method!r}")
+    if method is None:
+        method = _method_for(robot)
+    if method not in _SOLVERS:
+        raise ValueError(f"method: expected one of {', '.join(_SOLVERS)}, got {method!r}")
+    return _SOLVERS[method](robot, pose)
+
+
+_SOLVERS: dict[Method, Callable[[Robot, ArrayLike], IKSolutions]] = {
+    "complete": solve_complete,
+    "continuation": solve_by_continuation,
+    "multistart": solve_multistart,
+    "seeded": solve_seeded,
+}
+
+
+def _method_for(robot: Robot) -> Method:
+    if not isinstance(robot, Robot):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise TypeError(f"robot: expected a niryo_jax.Robot, got {type(robot).__name__}")
+    if robot.offset_wrist is not None:
+        return "complete"
+    return "multistart" if nominal(robot) is None else "continuation"
 
 
 __all__ = [

@@ -127,13 +127,11 @@ def finish(
 def duplicates(q: jax.Array, converged: jax.Array, periodic: tuple[bool, ...]) -> jax.Array:
     """(..., m): whether a joint vector is the same as one before it, up to whole turns."""
     turn = jnp.where(jnp.array(periodic), 2 * jnp.pi, jnp.inf)
-    later = []
-    for j in range(q.shape[-2]):
-        apart = q[..., :j, :] - q[..., j : j + 1, :]
-        apart = jnp.abs(apart - jnp.where(jnp.isinf(turn), 0.0, turn * jnp.round(apart / turn)))
-        same = jnp.all(apart < SAME_SOLUTION.of(q.dtype), axis=-1) & converged[..., :j]
-        later.append(jnp.any(same, axis=-1))
-    return jnp.stack(later, axis=-1) & converged
+    apart = q[..., :, None, :] - q[..., None, :, :]
+    apart = jnp.abs(apart - jnp.where(jnp.isinf(turn), 0.0, turn * jnp.round(apart / turn)))
+    same = jnp.all(apart < SAME_SOLUTION.of(q.dtype), axis=-1) & converged[..., None, :]
+    before = jnp.tri(q.shape[-2], k=-1, dtype=bool)
+    return jnp.any(same & before, axis=-1) & converged
 
 
 def limits_of(lower: ArrayLike, upper: ArrayLike, dtype: jnp.dtype) -> tuple[jax.Array, jax.Array]:

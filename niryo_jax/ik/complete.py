@@ -33,10 +33,16 @@ from niryo_jax.ik.reduction import (
     wrist_circle,
 )
 from niryo_jax.ik.solutions import IKSolutions, Obstacle, Singularity
-from niryo_jax.ik.subdivide import SELF_MOTION, Roots, find_roots, posture_of, running_count
+from niryo_jax.ik.subdivide import (
+    SELF_MOTION,
+    TOUCHING,
+    Roots,
+    find_roots,
+    posture_of,
+    running_count,
+)
 from niryo_jax.ik.sweep import spherical, sweep
 from niryo_jax.ik.target import Target, make_target
-from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.offset_wrist import Known, arm_numbers
@@ -47,7 +53,6 @@ from niryo_jax.tolerances import (
     IK_ROTATION,
     REACH_ROUNDING,
     SAME_SOLUTION,
-    SINGULAR,
 )
 
 _SMALL = 16
@@ -187,23 +192,16 @@ def _subdivide_chunk(
     candidates = np.array([Lane(q[:, i][taken]) for i in range(q.shape[1])], dtype=object)
     crowded = jnp.zeros(rows, bool).at[jnp.where(kept & (place >= _MOST), owner, rows)]
     crowded = crowded.set(True, mode="drop")
-    moves = (roots.intervals[:, 1] >= 4 * SELF_MOTION)[taken]
-    singularity = jnp.where(moves, Singularity.SELF_MOTION, _merged(geometry, candidates))
+    kind = (roots.intervals[:, 1].astype(jnp.int32) // 4)[taken]
+    singularity = jnp.select(
+        [kind == SELF_MOTION, kind == TOUCHING],
+        [jnp.int32(Singularity.SELF_MOTION), jnp.int32(Singularity.MERGED)],
+        jnp.int32(Singularity.NONE),
+    )
     errors = position[taken], rotation[taken]
     slots = arrange(arm, candidates, found, errors, singularity, limits)
     proved = (reach > 0) | (roots.complete & ~crowded & ~incomplete)
     return Answer(slots, reach, proved)
-
-
-def _merged(geometry: Geometry, q: Lanes) -> jax.Array:
-    """`Singularity.MERGED` where the Jacobian is singular."""
-    rows = pose_and_jacobian(geometry, q, "body", stored=True)[1]
-    sizes = [lanes.norm(row) for row in rows]
-    volume = lanes.volume(rows)
-    for size in sizes:
-        volume = volume / size
-    singular = lanes.store(volume).array < SINGULAR.of(volume.array.dtype)
-    return jnp.where(singular, Singularity.MERGED, Singularity.NONE).astype(jnp.int32)
 
 
 def _polish_chunk(

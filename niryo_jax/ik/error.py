@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from niryo_jax import lanes
-from niryo_jax.chain import compose, link_motions
+from niryo_jax.chain import Motion, compose, joint_motion
 from niryo_jax.geometry import Geometry
 from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes import Lane, Lanes
@@ -34,9 +34,16 @@ def error_twist(
 
 def pose_errors(geometry: Geometry, target: Lanes, q: Lanes) -> tuple[Lane, Lane]:
     """Metres and radians by which a joint vector that nearly reaches a target misses it."""
-    rotation, position = compose(
-        link_motions(geometry, q, stored=True)[-1], se3.split(geometry.home)
-    )
+    motion: Motion | None = None
+    for joint, angle in enumerate(q):
+        step = joint_motion(geometry, joint, angle)
+        motion = step if motion is None else compose(motion, step)
+        if joint == geometry.joints // 2:
+            # Both errors need the whole chain; half of it is kept rather than computed twice.
+            rotation, position = (lanes.map_lanes(lanes.store, part) for part in motion)
+            motion = rotation, position
+    home = se3.split(geometry.home)
+    rotation, position = home if motion is None else compose(motion, home)
     goal_rotation, goal = se3.split(target)
     away = (rotation - goal_rotation).ravel()
     # The Frobenius norm is 2 sqrt(2) sin(angle / 2): the angle itself where that matters.

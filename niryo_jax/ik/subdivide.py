@@ -19,7 +19,7 @@ from niryo_jax.ik.arm import Arm
 from niryo_jax.ik.bounds import proves, remainder_bound
 from niryo_jax.ik.reduction import Circle, Posture, circle_from, crossing_posture, posture
 from niryo_jax.lanes import Lane
-from niryo_jax.tolerances import CONDITION_ROUNDING, CROSSING, NARROWEST, TOUCHING, VANISHING
+from niryo_jax.tolerances import CONDITION_ROUNDING, CROSSING, NARROWEST, SQUARE_ROOT_END, VANISHING
 
 _START = 16
 _WIDTH = 1024
@@ -27,7 +27,7 @@ _DEPTH = 48
 _ITEMS = 8192
 _ROOTS, _MORE_ROOTS = 18, 512
 _REFINEMENTS = 9
-_BRACKET, _TOUCHING, _CROSSING, SELF_MOTION = 0, 1, 2, 3
+_BRACKET, TOUCHING, _CROSSING, SELF_MOTION = 0, 1, 2, 3
 
 
 class Roots(NamedTuple):
@@ -205,7 +205,7 @@ def _step(arm: Arm, columns: jax.Array, state: _State) -> _State:
     remainder = lanes.store(
         remainder_bound(arm, circle, found, t, Lane(reach)), by=Lane(f_middle)
     ).array
-    touching = jnp.abs(f_middle) < TOUCHING
+    touching = jnp.abs(f_middle) < SQUARE_ROOT_END
     crossing = jnp.zeros_like(live)
     if arm.is_planar:
         distance = lanes.store(found.from_axis_1 + arm.radius * 2.0 * reach)
@@ -216,7 +216,7 @@ def _step(arm: Arm, columns: jax.Array, state: _State) -> _State:
         change = (f_a > 0) != (f_b > 0)
         proved, sag = proves(remainder, reach, f_a, f_b)
         narrow = (sag + reach * reach * 1e-2 < rounding) | (reach < NARROWEST.of(dtype))
-        kind = jnp.where(crossing, _CROSSING, jnp.where(proved, _BRACKET, _TOUCHING))
+        kind = jnp.where(crossing, _CROSSING, jnp.where(proved, _BRACKET, TOUCHING))
         halves.append(jnp.stack([pose, branch + 4 * kind.astype(dtype), a, b, f_a, f_b], -1))
         roots.append(live & ~crossing & jnp.where(proved, change, narrow & touching))
         certain.append(proved | narrow | crossing | ~live)
