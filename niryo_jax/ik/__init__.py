@@ -42,8 +42,8 @@ def inverse_kinematics(robot: Robot, pose: ArrayLike, method: Method | None = No
     Returns:
         `IKSolutions` with 16 slots. Nothing is raised for a pose that cannot be solved:
         `status` says why, so that good and bad poses can be mixed in one batch. Derivatives of q
-        with respect to the pose and to the robot's geometry are those of the implicit function
-        theorem, of any order, in forward and reverse mode.
+        with respect to the pose are those of the implicit function theorem, of any order, in
+        forward and reverse mode; by the complete method also those with respect to the geometry.
 
     Raises:
         ValueError: a wrong shape, an unknown method, an arm that the method does not fit.
