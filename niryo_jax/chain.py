@@ -77,8 +77,11 @@ Motion = tuple[Lanes, Lanes]
 """A rigid motion as rotation (3, 3) and position (3,) lanes."""
 
 
-def joint_motion(geometry: Geometry, joint: int, angle: Lane) -> Motion:
-    """exp([S_i] q_i), by the cheapest formula that what is known of the joint allows."""
+def joint_motion(geometry: Geometry, joint: int, angle: Lane, *, stored: bool = False) -> Motion:
+    """exp([S_i] q_i), by the cheapest formula that what is known of the joint allows.
+
+    `stored` keeps sine and cosine in memory, for programs in which many loops need them.
+    """
     screw, kind = geometry.screws[joint], geometry.kinds[joint]
     w, v = screw[:3], screw[3:]
     if kind == "any":
@@ -86,6 +89,8 @@ def joint_motion(geometry: Geometry, joint: int, angle: Lane) -> Motion:
     if kind == "prismatic":
         return lanes.identity(3), v * angle
     sin, cos = lanes.sincos(angle)
+    if stored:
+        sin, cos = lanes.store(sin), lanes.store(cos)
     position = sin * v + (1.0 - cos) * lanes.cross(w, v)
     if kind == "helical":
         position = position + ((angle - sin) * (w @ v)) * w
@@ -104,7 +109,7 @@ def link_motions(geometry: Geometry, q: Lanes, *, stored: bool = False) -> list[
     """
     motions: list[Motion] = []
     for joint, angle in enumerate(q):
-        motion = joint_motion(geometry, joint, angle)
+        motion = joint_motion(geometry, joint, angle, stored=stored)
         if motions:
             motion = compose(motions[-1], motion)
         if stored:

@@ -142,6 +142,6 @@ def on_robot(function: Callable[..., Result]) -> Callable[..., Result]:
         if not whole:
             return traced(static, robot, *arrays)
         pattern, rest = _pattern_of(robot, whole=not is_concrete(*leaves))
-        return concrete(pattern, static, jnp.asarray(rest), *arrays)
+        return concrete(pattern, static, rest, *arrays)
 
     return public

@@ -45,15 +45,23 @@ Known = tuple[float | None, ...]
 
 def find(screws: np.ndarray, home: np.ndarray) -> Known | None:
     """The zeros and ones of an arm, from screws (n, 6) and home (4, 4); None of another arm."""
-    return _find(screws.tobytes(), home.tobytes(), len(screws))
+    if offset_wrist_arm(screws) is None:
+        return None
+    return known_numbers(concrete_numbers(screws, home))
+
+
+def concrete_numbers(screws: np.ndarray, home: np.ndarray) -> np.ndarray:
+    """`arm_numbers` of data, computed once for each arm."""
+    return _concrete_numbers(*(np.asarray(x, float).tobytes() for x in (screws, home)))
 
 
 @functools.lru_cache(maxsize=256)
-def _find(screws: bytes, home: bytes, joints: int) -> Known | None:
-    axes = np.frombuffer(screws).reshape(joints, 6)
-    if offset_wrist_arm(axes) is None:
-        return None
-    return known_numbers(arm_numbers(axes, np.frombuffer(home).reshape(4, 4), np))
+def _concrete_numbers(screws: bytes, home: bytes) -> np.ndarray:
+    numbers = arm_numbers(
+        np.frombuffer(screws).reshape(-1, 6), np.frombuffer(home).reshape(4, 4), np
+    )
+    numbers.setflags(write=False)
+    return numbers
 
 
 def arm_numbers(screws: Any, home: Any, xp: ModuleType) -> Any:

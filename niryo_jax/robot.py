@@ -237,7 +237,7 @@ class Robot:
         return np.asarray(self.screws, dtype=np.float64)
 
     def describe(self) -> str:
-        """The arm in words: joints, limits, home pose, and how the axes lie to each other.
+        """The arm in words: joints, limits, home pose, how the axes lie, and what solves it.
 
         Raises:
             TypeError: the robot is traced.

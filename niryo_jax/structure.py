@@ -13,7 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from niryo_jax.tolerances import AXES_MEET, AXES_PARALLEL, PITCH
+from niryo_jax.tolerances import (
+    AXES_MEET,
+    AXES_NEARLY_MEET,
+    AXES_NEARLY_PARALLEL,
+    AXES_PARALLEL,
+    PITCH,
+)
 
 
 def joint_kinds(screws: np.ndarray) -> tuple[str, ...]:
@@ -129,8 +135,38 @@ def offset_wrist_arm(screws: np.ndarray) -> OffsetWristArm | None:
     )
 
 
+def nearly_offset_wrist_axes(screws: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Directions and points (6, 3) of the axes of the offset-wrist arm that is nearest to an arm.
+
+    Axes 1 and 2, and 4 and 5, are moved to meet half-way between; axis 3 is made parallel to axis
+    2, through the point of it nearest to where 4 and 5 meet. All else stays as it is.
+
+    Returns:
+        None where the arm has other joints than six revolute ones, or is farther from any such arm
+        than `AXES_NEARLY_MEET` and `AXES_NEARLY_PARALLEL` allow.
+    """
+    if screws.shape != (6, 6) or set(joint_kinds(screws)) != {"revolute"}:
+        return None
+    w1, w2, w3, w4, w5, w6 = axes = screws[:, :3]
+    if _sine(w2, w3) > AXES_NEARLY_PARALLEL:
+        return None
+    if min(_sine(w1, w2), _sine(w4, w5), _sine(w5, w6)) <= AXES_NEARLY_PARALLEL:
+        return None
+    if max(distance_between(*screws[:2]), distance_between(*screws[3:5])) > AXES_NEARLY_MEET:
+        return None
+    shoulder, wrist = meeting_point(*screws[:2]), meeting_point(*screws[3:5])
+    on_3 = axis_point(screws[2])
+    elbow = on_3 + ((wrist - on_3) @ w3) * w3
+    turned = np.where(np.arange(6)[:, None] == 2, np.sign(w2 @ w3) * w2, axes)
+    return turned, np.stack([shoulder, shoulder, elbow, wrist, wrist, axis_point(screws[5])])
+
+
+def _sine(first: np.ndarray, second: np.ndarray) -> float:
+    return float(np.linalg.norm(np.cross(first, second)))
+
+
 def describe(screws: np.ndarray) -> list[str]:
-    """How neighbouring axes lie to each other, and the family of the arm, a line each."""
+    """How neighbouring axes lie, the family of the arm, and what solves it, a line each."""
     kinds, lines = joint_kinds(screws), list[str]()
     for i, (first, second) in enumerate(itertools.pairwise(screws)):
         if "prismatic" in kinds[i : i + 2]:
@@ -142,6 +178,14 @@ def describe(screws: np.ndarray) -> list[str]:
     arm = offset_wrist_arm(screws)
     if arm is not None:
         offset = float(np.linalg.norm(arm.offset))
-        wrist = "spherical wrist" if offset < AXES_MEET else f"wrist offset {offset * 1e3:.4g} mm"
+        spherical = offset < AXES_MEET
+        wrist = "spherical wrist" if spherical else f"wrist offset {offset * 1e3:.4g} mm"
         lines.append(f"family: 1 and 2 meet, 2 parallel to 3, 4 and 5 meet; {wrist}")
+        how = "in closed form, at most 8" if spherical else "with a proof that there is no other"
+        lines.append(f"inverse kinematics: every solution, {how}")
+    elif nearly_offset_wrist_axes(screws) is not None:
+        lines.append("family: nearly 1 and 2 meet, 2 parallel to 3, 4 and 5 meet")
+        lines.append("inverse kinematics: from all solutions of the nearest such arm; not proved")
+    else:
+        lines.append("inverse kinematics: Newton-Raphson from many guesses; some may be missed")
     return lines

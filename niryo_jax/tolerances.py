@@ -34,6 +34,13 @@ AXES_PARALLEL = 1e-9
 AXES_MEET = 1e-9
 """Two axes meet where their distance (metres) is below this."""
 
+AXES_NEARLY_MEET = 2e-3
+"""Axes that should meet nearly do within this (metres): a millimetre is a badly made arm."""
+
+AXES_NEARLY_PARALLEL = 2e-2
+"""Axes that should be parallel nearly are where the sine of their angle is below this; where nearly
+parallel axes meet is not determined."""
+
 SUBPROBLEM_RESIDUAL = ByDtype(1e-9, 1e-4)
 """A subproblem's answer is a solution where it misses by less than this share of its lengths."""
 
@@ -67,7 +74,14 @@ ARM_NUMBER = 1e-14
 """A number of an arm (a sine, a cosine, a length in metres) this near to 0, 1 or -1 is that."""
 
 CONDITION_ROUNDING = ByDtype(4e-15, 2e-6)
-"""The condition of an offset-wrist arm (a cosine) is computed to within this."""
+"""The condition of an offset-wrist arm (a cosine) is computed to within this..."""
+
+NEAR_AXIS_1 = 4e-4
+"""... where the wrist is at least so far (metres) from axis 1, and to less in proportion nearer."""
+
+SECANT = ByDtype(1e-9, 1e-3)
+"""Two points nearer to each other than this (radians) tell the rounding of the condition of an
+offset-wrist arm, not its slope."""
 
 NARROWEST = ByDtype(1e-14, 1e-6)
 """An interval of the curve narrower than this (radians) is not halved again."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
+from pose_sets import spherical
 
 import niryo_jax as nj
 from niryo_jax.structure import (
@@ -84,6 +85,19 @@ def test_description_names_joints_limits_and_family(niryo):
     assert "-79.89 to 89.96 deg" in text
     assert "axes 5 and 6 miss each other, 5.5 mm apart" in text
     assert "wrist offset 5.5 mm" in text
+
+
+def test_description_names_the_solver(niryo, rng):
+    calibrated = niryo.screws.copy()
+    calibrated[0, 3:] += [0.0, 1e-4, 0.0]
+    other = nj.Robot.from_axes(np.eye(3)[[2, 0, 1]], rng.standard_normal((3, 3)), np.eye(4))
+    for arm, words in (
+        (niryo, "every solution, with a proof"),
+        (spherical(niryo), "every solution, in closed form"),
+        (nj.Robot.from_screws(calibrated, niryo.home), "of the nearest such arm; not proved"),
+        (other, "some may be missed"),
+    ):
+        assert words in arm.describe()
 
 
 def test_a_traced_robot_is_refused_with_the_way_out(niryo):

@@ -8,6 +8,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax.typing import DTypeLike
 
 from niryo_jax import lanes
 from niryo_jax.lanes import Lane, Lanes
@@ -67,6 +68,17 @@ class Arm:
     def is_spherical(self) -> bool:
         """Whether axes 4, 5 and 6 meet in one point."""
         return self.radius.is_known(0.0)
+
+    def astype(self, dtype: DTypeLike) -> Arm:
+        """The same numbers in a dtype."""
+        return Arm(**{name: as_type(value, dtype) for name, value in vars(self).items()})
+
+
+def as_type(part: Any, dtype: DTypeLike) -> Any:
+    """A lane, or an array of lanes, in a dtype."""
+    if isinstance(part, Lane):
+        return part.astype(dtype)
+    return lanes.map_lanes(lambda lane: lane.astype(dtype), part)
 
 
 def arm_from(known: Known, arguments: Iterable[jax.Array]) -> Arm:

@@ -102,5 +102,5 @@ def _labels(arm: Arm, q: Lanes) -> jax.Array:
     cos_e, sin_e = cos_3 * cos_bent - turn * sin_bent, turn * cos_bent + cos_3 * sin_bent
     outward = arm.upper_arm * sin_a + arm.forearm * (sin_a * cos_e + cos_a * sin_e)
     bits = [outward > 0.0, sin_e > 0.0, q[4] > 0.0]
-    shoulder, elbow, wrist = (jnp.asarray(bit).astype(jnp.int32) for bit in bits)
-    return shoulder + 2 * elbow + 4 * wrist
+    shoulder, elbow, wrist = (lanes.select(bit, 1.0, 0.0) for bit in bits)
+    return lanes.store(shoulder + 2.0 * elbow + 4.0 * wrist, by=outward).array.astype(jnp.int32)

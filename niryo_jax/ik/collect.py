@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 
+from niryo_jax.ik.newton import NewtonResult
 from niryo_jax.ik.solutions import (
     SLOTS,
     IKSolutions,
@@ -24,26 +25,24 @@ from niryo_jax.tolerances import SAME_SOLUTION
 
 @functools.partial(jax.jit, static_argnames="periodic")
 def collect(
-    q: jax.Array,
-    converged: jax.Array,
-    errors: tuple[jax.Array, jax.Array],
+    newton: NewtonResult,
     target: Target,
     limits: tuple[jax.Array, jax.Array],
-    obstacle: jax.Array,
     periodic: tuple[bool, ...],
+    obstacle: jax.Array | None = None,
 ) -> IKSolutions:
-    """The best `SLOTS` of joint vectors (..., m, n) of a solver that proves nothing but `obstacle`.
+    """The best `SLOTS` of the joint vectors (..., m, n) that Newton-Raphson found.
 
     Args:
-        q, converged, errors: what was found, with leading shape (..., m).
+        newton: what was found, with leading shape (..., m).
         target: the poses.
         limits: lower and upper (n,).
-        obstacle: (...,) an `Obstacle` that is proved.
         periodic: n flags, True for a joint that returns to its place after 2 pi.
+        obstacle: (...,) an `Obstacle` that is proved; none where not given.
     """
     lower, upper = limits
-    q = wrap_into_limits(q, lower, upper, periodic)
-    converged = converged & target.valid[..., None]
+    q = wrap_into_limits(newton.q, lower, upper, periodic)
+    converged = newton.converged & target.valid[..., None]
     found = converged & ~duplicates(q, converged, periodic)
     worth = jnp.where(found, limit_margin(q, lower, upper), -jnp.inf)
     order = jnp.argsort(-worth, axis=-1, stable=True)[..., :SLOTS]
@@ -59,7 +58,9 @@ def collect(
 
     found = ranked(found, False)
     q = ranked(q, 0.0)
-    position_error, rotation_error = (ranked(error, jnp.inf) for error in errors)
+    position_error, rotation_error = (
+        ranked(error, jnp.inf) for error in (newton.position_error, newton.rotation_error)
+    )
     return finish(
         jnp.where(found[..., None], q, 0.0),
         found,
@@ -69,7 +70,7 @@ def collect(
         jnp.full(found.shape, Singularity.NONE, jnp.int32),
         target,
         limits,
-        obstacle,
+        jnp.full_like(target.valid, Obstacle.NONE, jnp.int32) if obstacle is None else obstacle,
         jnp.zeros_like(target.valid),
         periodic,
     )

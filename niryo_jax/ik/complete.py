@@ -20,16 +20,16 @@ from niryo_jax import lanes
 from niryo_jax.geometry import Geometry, on_robot
 from niryo_jax.ik.arm import Arm, arm_from
 from niryo_jax.ik.arrange import Slots, arrange
-from niryo_jax.ik.collect import finish, limits_of
+from niryo_jax.ik.collect import finish
 from niryo_jax.ik.error import pose_errors
 from niryo_jax.ik.implicit import implicit_rate, zero_tangent
 from niryo_jax.ik.newton import refine
 from niryo_jax.ik.reduction import (
     Circle,
     circle_columns,
-    circle_from,
     is_out_of_reach,
     joint_angles,
+    read_circle,
     wrist_circle,
 )
 from niryo_jax.ik.solutions import IKSolutions, Obstacle, Singularity
@@ -45,7 +45,7 @@ from niryo_jax.ik.sweep import spherical, sweep
 from niryo_jax.ik.target import Target, make_target
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import as_floating, check_shape
-from niryo_jax.offset_wrist import Known, arm_numbers
+from niryo_jax.offset_wrist import Known, arm_numbers, concrete_numbers
 from niryo_jax.robot import Robot, is_concrete
 from niryo_jax.tolerances import (
     IK_POLISH,
@@ -56,7 +56,7 @@ from niryo_jax.tolerances import (
 )
 
 _SMALL = 16
-_BLOCK = 512
+_BLOCK = 256
 _CHUNK = 1024
 _AT_ONCE = 2048
 _POLISHED = 128
@@ -69,7 +69,7 @@ class Answer(NamedTuple):
 
     Attributes:
         slots: the solutions.
-        reach: (batch,) 1 where every point of the wrist's circle is too far, 2 where too near.
+        reach: (batch,) an `Obstacle`: whether every point of the wrist's circle is too far or near.
         proved: (batch,) whether the solutions are proved to be all.
     """
 
@@ -84,30 +84,22 @@ Limits = tuple[jax.Array, jax.Array]
 def solve(
     geometry: Geometry, arm: Arm, target: jax.Array, valid: jax.Array, limits: Limits
 ) -> Answer:
-    """All solutions of rigid motions (batch, 4, 4)."""
+    """All solutions of rigid motions (batch, 4, 4); `program_size` says which batches."""
     size = target.shape[0]
-    if size == 0:
-        return _sweep_block(geometry, arm, target, valid, limits)[0]
-    block = _BLOCK if jax.default_backend() == "cpu" else size
-    if size <= block:
-        answer, left = _sweep_block(geometry, arm, target, valid, limits)
-    else:
-        blocks = -(-size // block)
-        pad = blocks * block - size
-        many = jnp.pad(target, ((0, pad), (0, 0), (0, 0)), mode="edge")
-        parts = jax.lax.map(
-            lambda part: _sweep_block(geometry, arm, part[0], part[1], limits),
-            (many.reshape(blocks, block, 4, 4), jnp.pad(valid, (0, pad)).reshape(blocks, block)),
-        )
-        answer, left = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:size], parts)
+    block = min(size, _BLOCK) if jax.default_backend() == "cpu" else size
+    parts = jax.lax.map(
+        lambda part: _sweep_block(geometry, arm, part[0], part[1], limits),
+        (target.reshape(-1, block, 4, 4), valid.reshape(-1, block)),
+    )
+    answer, left = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), parts)
 
-    def again(state: tuple[Answer], rows: jax.Array, live: jax.Array) -> tuple[Answer]:
+    def again(answer: Answer, rows: jax.Array, live: jax.Array) -> Answer:
         solve_again = _polish_chunk if arm.is_spherical else _subdivide_chunk
         part = solve_again(geometry, arm, target[rows], live, limits)
         where = jnp.where(live, rows, size)
-        return (jax.tree.map(lambda x, y: x.at[where].set(y, mode="drop"), state[0], part),)
+        return jax.tree.map(lambda x, y: x.at[where].set(y, mode="drop"), answer, part)
 
-    return for_each_chunk(left, min(_CHUNK, size), again, (answer,))[0]
+    return for_each_chunk(left, min(_CHUNK, size), again, answer)
 
 
 State = TypeVar("State")
@@ -137,12 +129,11 @@ def _sweep_block(
 ) -> tuple[Answer, jax.Array]:
     """The answers of the fast pass, and which poses it leaves open."""
     batch, dtype = target.shape[0], target.dtype
-    goal = lanes.unpack(target, 2)
-    circle = wrist_circle(arm, goal)
+    circle = wrist_circle(arm, _goal(target))
     reach = _reach(circle, batch, dtype)
     find = spherical if arm.is_spherical else sweep
     candidates = find(arm, circle, batch, dtype)
-    position, rotation = (lanes.store(x).array for x in pose_errors(geometry, goal, candidates.q))
+    position, rotation = _misses(geometry, target, candidates.q)
     close = (position < IK_POSITION.of(dtype)) & (rotation < IK_ROTATION.of(dtype))
     possible = candidates.exists & (valid & (reach == 0))
     found = possible & close
@@ -154,7 +145,8 @@ def _sweep_block(
 def _reach(circle: Circle, batch: int, dtype: np.dtype) -> jax.Array:
     far, near = is_out_of_reach(circle, REACH_ROUNDING.of(dtype))
     far, near = jnp.broadcast_to(far, (batch,)), jnp.broadcast_to(near, (batch,))
-    return jnp.where(far, 1, jnp.where(near, 2, 0)).astype(jnp.int32)
+    codes = [jnp.int32(Obstacle.TOO_FAR), jnp.int32(Obstacle.TOO_NEAR)]
+    return jnp.select([far, near], codes, jnp.int32(Obstacle.NONE))
 
 
 def _subdivide_chunk(
@@ -162,7 +154,7 @@ def _subdivide_chunk(
 ) -> Answer:
     """The answers of the poses that the fast pass left open."""
     rows, dtype = target.shape[0], target.dtype
-    circle = wrist_circle(arm, lanes.unpack(target, 2))
+    circle = wrist_circle(arm, _goal(target))
     reach = _reach(circle, rows, dtype)
     columns = lanes.pack(circle_columns(circle), (rows,), dtype)
     roots = find_roots(arm, columns, live & (reach == 0))
@@ -177,7 +169,7 @@ def _subdivide_chunk(
 
     # Sorted by pose and by a number that equal joint vectors share, so that they are neighbours.
     owner = jnp.where(good, roots.pose, rows)
-    order = jnp.argsort(owner.astype(dtype) + _signature(q))
+    order = _grouped(owner, _signature(q))
     owner, ordered = owner[order], q[order]
     kept = (owner < rows) & ~_repeats(ordered, owner)
     count, _ = running_count(kept)
@@ -209,7 +201,7 @@ def _polish_chunk(
 ) -> Answer:
     """The answers of poses of an arm with a spherical wrist whose closed form is too rough."""
     rows, dtype = target.shape[0], target.dtype
-    circle = wrist_circle(arm, lanes.unpack(target, 2))
+    circle = wrist_circle(arm, _goal(target))
     candidates = spherical(arm, circle, rows, dtype)
     slots = candidates.exists.shape[0]
     pose = jnp.where(candidates.exists & live, jnp.arange(rows), rows).reshape(-1)
@@ -245,8 +237,8 @@ def _joint_vectors(
 
     def some(state: Solved, at: jax.Array, live: jax.Array) -> Solved:
         pose = jnp.minimum(roots.pose[at], target.shape[0] - 1)
-        found = posture_of(arm, columns[pose], roots.intervals[at])
-        circle = circle_from(lanes.unpack(columns[pose]))
+        circle = read_circle(columns[pose])
+        found = posture_of(arm, circle, roots.intervals[at])
         q = lanes.map_lanes(lanes.store, joint_angles(arm, circle, found))
         misses = _misses(geometry, target[pose], q)
         where = jnp.where(live, at, places)
@@ -258,8 +250,13 @@ def _joint_vectors(
     return for_each_chunk(filled, min(_AT_ONCE, places), some, Solved(nothing, far, far))
 
 
+def _goal(target: jax.Array) -> Lanes:
+    """The entries of rigid motions (..., 4, 4), each contiguous in memory."""
+    return lanes.map_lanes(lanes.store, lanes.unpack(target, 2))
+
+
 def _misses(geometry: Geometry, target: jax.Array, q: Lanes) -> tuple[jax.Array, jax.Array]:
-    position, rotation = pose_errors(geometry, lanes.unpack(target, 2), q)
+    position, rotation = pose_errors(geometry, _goal(target), q)
     return lanes.store(position).array, lanes.store(rotation).array
 
 
@@ -270,6 +267,21 @@ def _signature(q: jax.Array) -> jax.Array:
         # Nothing about these numbers matters but that no symmetry of an arm is one of theirs.
         total = total + math.cos(joint) * lanes.sincos(angle + (0.3 + 0.7 * joint))[0].array
     return 0.25 + 0.05 * total
+
+
+def _grouped(owner: jax.Array, signature: jax.Array) -> jax.Array:
+    """An order of the rows by owner, and for each by a number between 0 and 1/2."""
+    # XLA on the CPU sorts lone integers ten times faster than floats or pairs: each row's number
+    # goes with its key, and the second sort keeps what the first has ordered.
+    number = jnp.arange(owner.shape[0], dtype=jnp.int32)
+    bits = owner.shape[0].bit_length()
+    levels = 1 << (31 - bits)
+
+    def sort(key: jax.Array) -> jax.Array:
+        return jnp.sort((key << bits) | number) & ((1 << bits) - 1)
+
+    first = sort((signature * levels).astype(jnp.int32))
+    return first[sort(owner[first])]
 
 
 def _repeats(q: jax.Array, owner: jax.Array) -> jax.Array:
@@ -375,23 +387,34 @@ def solve_complete(robot: Robot, pose: ArrayLike) -> IKSolutions:
         )
     pose = as_floating("pose", pose)
     check_shape("pose", pose, (4, 4))
-    xp = np if is_concrete(robot.screws, robot.home) else jnp
-    numbers = arm_numbers(robot.screws, robot.home, xp)
+    if is_concrete(robot.screws, robot.home):
+        numbers = concrete_numbers(np.asarray(robot.screws), np.asarray(robot.home))
+    else:
+        numbers = arm_numbers(robot.screws, robot.home, jnp)
     free = np.array([i for i, number in enumerate(known) if number is None])
-    arguments = (
-        jnp.asarray(numbers[free], pose.dtype),
-        *limits_of(robot.lower, robot.upper, pose.dtype),
-    )
+    arguments = [x.astype(pose.dtype) for x in (numbers[free], robot.lower, robot.upper)]
     batch, size = pose.shape[:-2], math.prod(pose.shape[:-2])
-    padded = _program_size(size)
-    if padded == size and len(batch) == 1:
+    padded = program_size(size)
+    if (padded,) == batch:
         return _complete(robot, make_target(pose), *arguments, known=known)
-    flat = jnp.pad(pose.reshape(size, 4, 4), ((0, padded - size), (0, 0), (0, 0)))
-    answer = _complete(robot, make_target(flat), *arguments, known=known)
-    return answer.map(lambda x: x[:size].reshape(*batch, *x.shape[1:]))
+    answer = _complete(robot, make_target(_padded(pose, padded)), *arguments, known=known)
+    return _cut(answer, batch)
 
 
-def _program_size(size: int) -> int:
+@functools.partial(jax.jit, static_argnums=1)
+def _padded(pose: jax.Array, size: int) -> jax.Array:
+    """The poses in one row, and zeros behind them."""
+    pose = pose.reshape(-1, 4, 4)
+    return jnp.pad(pose, ((0, size - len(pose)), (0, 0), (0, 0)))
+
+
+@functools.partial(jax.jit, static_argnums=1)
+def _cut(answer: IKSolutions, batch: tuple[int, ...]) -> IKSolutions:
+    """The first answers of a row, in the shape of their poses."""
+    return answer.map(lambda x: x[: math.prod(batch)].reshape(*batch, *x.shape[1:]))
+
+
+def program_size(size: int) -> int:
     """The batch size to compile for: few different ones, at most a quarter more than asked."""
     if size <= _SMALL:
         return _SMALL

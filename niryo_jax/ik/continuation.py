@@ -16,25 +16,13 @@ from niryo_jax.ik.collect import collect, limits_of
 from niryo_jax.ik.complete import solve_complete
 from niryo_jax.ik.multistart import in_chunks
 from niryo_jax.ik.newton import newton_raphson
-from niryo_jax.ik.solutions import IKSolutions, Obstacle
+from niryo_jax.ik.solutions import IKSolutions
 from niryo_jax.ik.target import make_target
 from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.lie import se3
 from niryo_jax.robot import Robot
-from niryo_jax.structure import (
-    axis_point,
-    distance_between,
-    joint_kinds,
-    meeting_point,
-    offset_wrist_arm,
-)
-
-NEARLY_MEETING = 2e-3
-"""Axes that should meet may miss each other by this (metres): a millimetre is a badly made arm."""
-
-NEARLY_PARALLEL = 2e-2
-"""Axes that should be parallel may be off by an angle of this sine. Axes that should meet, and
-axes 5 and 6, must differ by more: where nearly parallel axes meet is not determined."""
+from niryo_jax.structure import nearly_offset_wrist_axes, offset_wrist_arm
+from niryo_jax.tolerances import AXES_NEARLY_MEET, AXES_NEARLY_PARALLEL
 
 _SHIFT = 5.0
 _OTHERS = 16
@@ -50,31 +38,17 @@ def nominal(robot: Robot) -> Robot | None:
         robot: a concrete arm.
 
     Returns:
-        A robot with float64 geometry whose `offset_wrist` is known; None where `robot` has other
-        joints than six revolute ones, or is farther from any such arm than `NEARLY_MEETING` and
-        `NEARLY_PARALLEL` allow.
+        A robot with float64 geometry whose `offset_wrist` is known; None where
+        `structure.nearly_offset_wrist_axes` is.
 
     Raises:
         TypeError: a traced robot.
     """
-    screws = robot.known_screws()
-    if screws.shape != (6, 6) or set(joint_kinds(screws)) != {"revolute"}:
+    near = nearly_offset_wrist_axes(robot.known_screws())
+    if near is None:
         return None
-    w1, w2, w3, w4, w5, w6 = axes = screws[:, :3]
-    if _sine(w2, w3) > NEARLY_PARALLEL:
-        return None
-    if min(_sine(w1, w2), _sine(w4, w5), _sine(w5, w6)) <= NEARLY_PARALLEL:
-        return None
-    if max(distance_between(*screws[:2]), distance_between(*screws[3:5])) > NEARLY_MEETING:
-        return None
-    shoulder, wrist = meeting_point(*screws[:2]), meeting_point(*screws[3:5])
-    on_3 = axis_point(screws[2])
-    elbow = on_3 + ((wrist - on_3) @ w3) * w3
-    turned = np.where(np.arange(6)[:, None] == 2, np.sign(w2 @ w3) * w2, axes)
-    points = np.stack([shoulder, shoulder, elbow, wrist, wrist, axis_point(screws[5])])
     arm = Robot.from_axes(
-        turned,
-        points,
+        *near,
         np.asarray(robot.home, np.float64),
         lower=robot.lower,
         upper=robot.upper,
@@ -82,10 +56,6 @@ def nominal(robot: Robot) -> Robot | None:
         name=f"{robot.name}, nominal",
     )
     return arm if arm.offset_wrist is not None else None
-
-
-def _sine(first: np.ndarray, second: np.ndarray) -> float:
-    return float(np.linalg.norm(np.cross(first, second)))
 
 
 def solve_by_continuation(robot: Robot, pose: ArrayLike) -> IKSolutions:
@@ -112,8 +82,8 @@ def solve_by_continuation(robot: Robot, pose: ArrayLike) -> IKSolutions:
     if near is None:
         raise ValueError(
             "continuation needs six revolute joints of which axes 1 and 2 nearly meet, 2 and 3 are "
-            f"nearly parallel, 4 and 5 nearly meet (within {NEARLY_MEETING} m and "
-            f"{NEARLY_PARALLEL} rad); {robot.name} is not such an arm:\n{robot.describe()}"
+            f"nearly parallel, 4 and 5 nearly meet (within {AXES_NEARLY_MEET} m and "
+            f"{AXES_NEARLY_PARALLEL} rad); {robot.name} is not such an arm:\n{robot.describe()}"
         )
     pose = as_floating("pose", pose)
     check_shape("pose", pose, (4, 4))
@@ -124,15 +94,7 @@ def solve_by_continuation(robot: Robot, pose: ArrayLike) -> IKSolutions:
         target = make_target(part)
         start = solve_complete(near, jax.lax.stop_gradient(target.pose)[:, None] @ shifts)
         newton = newton_raphson(robot, target.pose[:, None], _guesses(start.q, start.found))
-        return collect(
-            newton.q,
-            newton.converged,
-            (newton.position_error, newton.rotation_error),
-            target,
-            limits,
-            jnp.full(target.valid.shape, Obstacle.NONE, jnp.int32),
-            periodic=(True,) * robot.joints,
-        )
+        return collect(newton, target, limits, (True,) * robot.joints)
 
     return in_chunks(some, pose)
 

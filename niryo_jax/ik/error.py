@@ -36,7 +36,7 @@ def pose_errors(geometry: Geometry, target: Lanes, q: Lanes) -> tuple[Lane, Lane
     """Metres and radians by which a joint vector that nearly reaches a target misses it."""
     motion: Motion | None = None
     for joint, angle in enumerate(q):
-        step = joint_motion(geometry, joint, angle)
+        step = joint_motion(geometry, joint, angle, stored=True)
         motion = step if motion is None else compose(motion, step)
         if joint == geometry.joints // 2:
             # Both errors need the whole chain; half of it is kept rather than computed twice.

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from niryo_jax.ik.complete import solve_complete
+from niryo_jax.ik.complete import program_size, solve_complete
 from niryo_jax.ik.solutions import IKSolutions, Singularity, limit_margin
 from niryo_jax.lanes.batching import as_floating
 from niryo_jax.robot import Robot, is_concrete
@@ -108,8 +108,7 @@ def follow(
 def _padded(path: np.ndarray) -> np.ndarray:
     """The path with poses that are none at its end, so that few different sizes are compiled."""
     count = len(path)
-    size = 16 if count <= 16 else max(512, 1 << (count - 1).bit_length())
-    return np.concatenate([path, np.zeros((size - count, 4, 4), path.dtype)])
+    return np.concatenate([path, np.zeros((program_size(count) - count, 4, 4), path.dtype)])
 
 
 _State = tuple[jax.Array, ...]

@@ -18,7 +18,7 @@ from jax.typing import ArrayLike
 
 from niryo_jax.ik.collect import collect, limits_of
 from niryo_jax.ik.newton import newton_raphson
-from niryo_jax.ik.solutions import IKSolutions, Obstacle
+from niryo_jax.ik.solutions import IKSolutions
 from niryo_jax.ik.target import make_target
 from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.robot import Robot, is_concrete
@@ -71,15 +71,7 @@ def solve_multistart(robot: Robot, pose: ArrayLike, starts: int = 64) -> IKSolut
     def some(part: jax.Array) -> IKSolutions:
         target = make_target(part)
         newton = newton_raphson(robot, target.pose[:, None], guesses, step_limit=_STEP)
-        return collect(
-            newton.q,
-            newton.converged,
-            (newton.position_error, newton.rotation_error),
-            target,
-            limits,
-            jnp.full(target.valid.shape, Obstacle.NONE, jnp.int32),
-            periodic,
-        )
+        return collect(newton, target, limits, periodic)
 
     return in_chunks(some, pose)
 

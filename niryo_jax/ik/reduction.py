@@ -13,10 +13,13 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 
 from niryo_jax import lanes
-from niryo_jax.ik.arm import Arm
+from niryo_jax.ik.arm import Arm, as_type
 from niryo_jax.lanes import Condition, Lane, Lanes
 from niryo_jax.lie import se3
 
@@ -61,6 +64,10 @@ class Circle(NamedTuple):
     inner: Lane
     excess: Lane
     shortfall: Lane
+
+    def astype(self, dtype: DTypeLike) -> Circle:
+        """The same numbers in a dtype."""
+        return _circle_from(as_type(circle_columns(self), dtype))
 
 
 def wrist_circle(arm: Arm, target: Lanes) -> Circle:
@@ -122,11 +129,8 @@ def _stored(vector: Lanes) -> Lanes:
     return lanes.map_lanes(lanes.store, vector)
 
 
-CIRCLE_COLUMNS = 25
-
-
 def circle_columns(circle: Circle) -> Lanes:
-    """The numbers of a circle in one vector of `CIRCLE_COLUMNS` lanes."""
+    """The numbers of a circle in one vector of lanes."""
     return lanes.lanes_of(
         [
             *circle.centre,
@@ -141,8 +145,12 @@ def circle_columns(circle: Circle) -> Lanes:
     )
 
 
-def circle_from(columns: Lanes) -> Circle:
-    """The circle of its columns."""
+def read_circle(rows: jax.Array) -> Circle:
+    """The circles of rows (..., c) of columns, each number contiguous in memory."""
+    return _circle_from(_stored(lanes.unpack(rows)))
+
+
+def _circle_from(columns: Lanes) -> Circle:
     return Circle(
         columns[:3],
         columns[3:12].reshape(3, 3),
@@ -230,8 +238,8 @@ def _on_circle(circle: Circle, t: tuple[Lane, Lane], elbow: Lane | float) -> tup
     sin_elbow = sin_elbow * lanes.select(inner, forward, elbow)
     sin_u = sin_u * lanes.select(inner, elbow, forward)
     return (
-        np.array([cos_elbow, sin_elbow], dtype=object),
-        np.array([cos_u, sin_u], dtype=object),
+        _stored(np.array([cos_elbow, sin_elbow], dtype=object)),
+        _stored(np.array([cos_u, sin_u], dtype=object)),
     )
 
 
@@ -273,14 +281,17 @@ def crossing_posture(
     """
     bent, u = _on_circle(circle, t, elbow)
 
-    def at(cos: Lane | float, sin: Lane | float) -> Posture:
+    def at(cos: Lane | jax.Array, sin: Lane | jax.Array) -> Posture:
         turn = np.array([lanes.as_lane(cos), lanes.as_lane(sin)], dtype=object)
         return _posture(arm, circle, bent, u, root, turn)
 
-    constant = at(0.0, 0.0).dot - arm.wrist_angle
-    p, q = at(1.0, 0.0).dot - arm.wrist_angle, at(0.0, 1.0).dot - arm.wrist_angle
-    turn = _sinusoid_root(p - constant, q - constant, constant, root)
-    return at(turn[0], turn[1])
+    # f is affine in the cosine and sine of theta_1: three points of the plane determine it.
+    dtype = bent[0].array.dtype
+    cos, sin = (jnp.array(values, dtype)[:, None] for values in ([0, 1, 0], [0, 0, 1]))
+    three = lanes.store(at(cos, sin).dot - arm.wrist_angle).array
+    constant, along_x, along_y = (Lane(value) for value in three)
+    turn = _sinusoid_root(along_x - constant, along_y - constant, constant, root)
+    return at(*turn)
 
 
 def _sinusoid_root(p: Lane, q: Lane, constant: Lane, sign: Lane | float) -> Lanes:
@@ -308,6 +319,7 @@ def _posture(
     wrist = circle.centre
     if not arm.is_spherical:
         wrist = wrist + (arm.radius * u[0]) * circle.axes[0] + (arm.radius * u[1]) * circle.axes[1]
+        wrist = _stored(wrist)
     x, y, z = wrist
     v = z if arm.is_planar else (z - d * lean) / upright
     w = d * upright - v * lean

@@ -95,16 +95,13 @@ def solve_seeded(robot: Robot, pose: ArrayLike) -> IKSolutions:
     arm = _family(robot)
     target = make_target(pose)
     branches = _branches(robot, arm, target.pose)
-    newton = branches.newton
     offset = float(np.linalg.norm(arm.offset))
     return collect(
-        newton.q,
-        newton.converged,
-        (newton.position_error, newton.rotation_error),
+        branches.newton,
         target,
         limits_of(robot.lower, robot.upper, target.pose.dtype),
+        (True,) * robot.joints,
         _obstacle(branches.shoulder_distance, (arm.wrist_range, offset)),
-        periodic=(True,) * robot.joints,
     )
 
 

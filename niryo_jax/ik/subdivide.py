@@ -15,13 +15,20 @@ import jax.numpy as jnp
 import numpy as np
 
 from niryo_jax import lanes
+from niryo_jax.ik import condition
 from niryo_jax.ik.arm import Arm
 from niryo_jax.ik.bounds import proves, remainder_bound
-from niryo_jax.ik.reduction import Circle, Posture, circle_from, crossing_posture, posture
+from niryo_jax.ik.reduction import Circle, Posture, crossing_posture, read_circle
 from niryo_jax.lanes import Lane
-from niryo_jax.tolerances import CONDITION_ROUNDING, CROSSING, NARROWEST, SQUARE_ROOT_END, VANISHING
+from niryo_jax.tolerances import (
+    CONDITION_ROUNDING,
+    CROSSING,
+    NARROWEST,
+    NEAR_AXIS_1,
+    SQUARE_ROOT_END,
+    VANISHING,
+)
 
-_START = 16
 _WIDTH = 1024
 _DEPTH = 48
 _ITEMS = 8192
@@ -85,18 +92,17 @@ def find_roots(arm: Arm, columns: jax.Array, live: jax.Array) -> Roots:
     return Roots(pose, roots, live & ~unproved & (count <= most))
 
 
-def posture_of(arm: Arm, columns: jax.Array, intervals: jax.Array) -> Posture:
-    """The posture of each root, given the columns (r, c) of the pose it belongs to."""
-    circle = circle_from(lanes.unpack(columns))
+def posture_of(arm: Arm, circle: Circle, intervals: jax.Array) -> Posture:
+    """The posture of each root (r, 6), given the circle of the pose it belongs to."""
     code = intervals[:, 1].astype(jnp.int32)
     kind = code // 4
-    elbow, shoulder = _signs(code % 4, columns.dtype)
-    t = _refine(arm, columns, elbow, shoulder, kind == _BRACKET, intervals)
-    sin_cos = lanes.sincos(Lane(t))
-    regular = posture(arm, circle, sin_cos, Lane(elbow), Lane(shoulder)).stored()
+    signs = condition.branch_signs(code % 4, intervals.dtype)
+    t = _refine(arm, circle, signs, kind == _BRACKET, intervals)
+    found = condition.at(arm, circle, signs, t)
+    regular = found.posture.stored()
     if not arm.is_planar:
         return regular
-    crossing = crossing_posture(arm, circle, sin_cos, Lane(elbow), Lane(shoulder))
+    crossing = crossing_posture(arm, circle, found.sin_cos, *signs)
     return regular.where(kind == _CROSSING, crossing).stored()
 
 
@@ -109,63 +115,30 @@ def _give_up(state: _State, rows: int) -> tuple[jax.Array, jax.Array, jax.Array]
     return *_append(state.roots, state.number, state.stack, changing), unproved
 
 
-def _signs(branch: jax.Array, dtype: jax.typing.DTypeLike) -> tuple[jax.Array, jax.Array]:
-    """The signs of elbow and shoulder of a branch 0..3."""
-    one = jnp.ones(branch.shape, dtype)
-    return jnp.where(branch < 2, one, -one), jnp.where(branch % 2 == 0, one, -one)
-
-
-def _condition(
-    arm: Arm, columns: jax.Array, t: jax.Array, elbow: jax.Array, shoulder: jax.Array
-) -> tuple[jax.Array, Posture, Circle, tuple[Lane, Lane]]:
-    circle = circle_from(lanes.unpack(columns))
-    sin_cos = lanes.sincos(Lane(t))
-    found = posture(arm, circle, sin_cos, Lane(elbow), Lane(shoulder))
-    return lanes.store(found.dot - arm.wrist_angle).array, found, circle, sin_cos
-
-
 def _first_intervals(
     arm: Arm, columns: jax.Array, live: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """The intervals to begin with, (rows * 4 * _START, 6), which are settled, which hold a root."""
+    """The intervals to begin with, (i, 6), which of them are settled, which hold a root."""
     rows, dtype = columns.shape[0], columns.dtype
-    nodes = np.linspace(-np.pi / 2, np.pi / 2, 2 * _START + 1)
-    sin, cos = np.sin(nodes), np.cos(nodes)
-    # The ends of the curve are where an arc's ends meet: exactly there, not almost.
-    cos[[0, -1]] = 0.0
-    elbow, shoulder = (Lane(x[:, None, None]) for x in _signs(jnp.arange(4), dtype))
-    circle = circle_from(lanes.unpack(columns))
-
-    def at(which: slice) -> tuple[tuple[Lane, Lane], Posture]:
-        sin_t, cos_t = (Lane(jnp.asarray(x[which, None], dtype)) for x in (sin, cos))
-        return (sin_t, cos_t), posture(arm, circle, (sin_t, cos_t), elbow, shoulder)
-
-    ends = lanes.store(at(slice(0, None, 2))[1].dot - arm.wrist_angle).array
-    ends = jnp.broadcast_to(ends, (4, _START + 1, rows))
-    t, middle = at(slice(1, None, 2))
-    width = np.pi / _START
-    remainder = lanes.store(remainder_bound(arm, circle, middle, t, width / 2), by=middle.dot).array
-    certain, _ = proves(remainder, width, ends[:, :-1], ends[:, 1:])
-    shape = (4, _START, rows)
-    low = jnp.asarray(nodes[:-1:2, None], dtype)
+    f, remainder = condition.scan(arm, read_circle(columns), rows, dtype)
+    before, after = f[:, :, :-1], f[:, :, 1:]
+    certain, _ = proves(remainder, CONDITION_ROUNDING.of(dtype), condition.WIDTH, before, after)
+    number = np.arange(condition.NODES).reshape(condition.SEGMENTS, -1, 1)
     fields = [
         jnp.arange(rows, dtype=dtype),
-        jnp.arange(4, dtype=dtype)[:, None, None],
-        low,
-        low + width,
-        ends[:, :-1],
-        ends[:, 1:],
+        jnp.arange(4, dtype=dtype).reshape(4, 1, 1, 1),
+        *(jnp.asarray(condition.node(n), dtype) for n in (number, number + 1)),
+        before,
+        after,
     ]
     # Where the condition vanishes all along a branch, the arm moves while the tool rests: one
     # posture stands for all.
-    still = jnp.max(jnp.abs(ends), axis=1, keepdims=True) < VANISHING.of(dtype)
-    change = (ends[:, :-1] > 0) != (ends[:, 1:] > 0)
-    one = still & (jnp.arange(_START) == 0)[:, None]
-    start = live & ((certain & change & ~still) | one)
+    still = jnp.max(jnp.abs(f), axis=(1, 2), keepdims=True) < VANISHING.of(dtype)
+    one = still & (number == 0)
+    start = live & ((certain & ((before > 0) != (after > 0)) & ~still) | one)
     fields[1] = fields[1] + 4 * SELF_MOTION * one.astype(dtype)
-    items = jnp.stack([jnp.broadcast_to(x, shape) for x in fields], -1).reshape(-1, 6)
-    certain = jnp.broadcast_to(certain | still | ~live, shape)
-    return items, certain.reshape(-1), start.reshape(-1)
+    items = jnp.stack([jnp.broadcast_to(x, before.shape) for x in fields], -1).reshape(-1, 6)
+    return items, (certain | still | ~live).reshape(-1), start.reshape(-1)
 
 
 def _append(
@@ -191,30 +164,33 @@ def running_count(which: jax.Array) -> tuple[jax.Array, jax.Array]:
 def _step(arm: Arm, columns: jax.Array, state: _State) -> _State:
     """Take the top intervals off the stack, prove what can be proved, push halves of the rest."""
     dtype = columns.dtype
-    rounding = CONDITION_ROUNDING.of(dtype)
     start = jnp.maximum(state.size - _WIDTH, 0)
     items = jax.lax.dynamic_slice_in_dim(state.stack, start, _WIDTH)
     live = start + jnp.arange(_WIDTH) < state.size
-    pose, code, low, high, f_low, f_high = items.T
+    pose, code, low, high, f_low, f_high = _columns(items)
     branch = code % 4
-    elbow, shoulder = _signs(branch.astype(jnp.int32), dtype)
+    signs = condition.branch_signs(branch.astype(jnp.int32), dtype)
     middle, reach = 0.5 * (low + high), 0.5 * (high - low)
-    f_middle, found, circle, t = _condition(
-        arm, columns[pose.astype(jnp.int32)], middle, elbow, shoulder
-    )
+    circle = read_circle(columns[pose.astype(jnp.int32)])
+    f_middle, found, t = condition.at(arm, circle, signs, middle)
     remainder = lanes.store(
         remainder_bound(arm, circle, found, t, Lane(reach)), by=Lane(f_middle)
     ).array
     touching = jnp.abs(f_middle) < SQUARE_ROOT_END
+    swing = arm.radius * 2.0 * reach
     crossing = jnp.zeros_like(live)
     if arm.is_planar:
-        distance = lanes.store(found.from_axis_1 + arm.radius * 2.0 * reach)
+        distance = lanes.store(found.from_axis_1 + swing)
         crossing = jnp.asarray(distance < CROSSING.of(dtype) * arm.radius)
+    # The direction of a short vector from axis 1 to the wrist is known less well.
+    nearest = lanes.maximum(found.from_axis_1 - swing, CROSSING.of(dtype) * arm.radius)
+    rounding = lanes.store(lanes.maximum(NEAR_AXIS_1 / nearest, 1.0)).array
+    rounding = rounding * CONDITION_ROUNDING.of(dtype)
 
     halves, certain, roots = list[jax.Array](), list[jax.Array](), list[jax.Array]()
     for a, b, f_a, f_b in ((low, middle, f_low, f_middle), (middle, high, f_middle, f_high)):
         change = (f_a > 0) != (f_b > 0)
-        proved, sag = proves(remainder, reach, f_a, f_b)
+        proved, sag = proves(remainder, rounding, reach, f_a, f_b)
         narrow = (sag + reach * reach * 1e-2 < rounding) | (reach < NARROWEST.of(dtype))
         kind = jnp.where(crossing, _CROSSING, jnp.where(proved, _BRACKET, TOUCHING))
         halves.append(jnp.stack([pose, branch + 4 * kind.astype(dtype), a, b, f_a, f_b], -1))
@@ -247,18 +223,22 @@ def _is_infeasible(
     return jnp.asarray(found.inside + rate * (2.0 * reach) < 0.0)
 
 
+def _columns(items: jax.Array) -> list[jax.Array]:
+    """The columns of a table, each contiguous in memory."""
+    return [lanes.store(lane).array for lane in lanes.unpack(items)]
+
+
 def _refine(
     arm: Arm,
-    columns: jax.Array,
-    elbow: jax.Array,
-    shoulder: jax.Array,
+    circle: Circle,
+    signs: tuple[Lane, Lane],
     bracket: jax.Array,
     intervals: jax.Array,
 ) -> jax.Array:
     """The root in each bracket (regula falsi, Anderson and Bjoerck's weights), or its middle."""
-    _, _, low, high, f_low, f_high = intervals.T
+    _, _, low, high, f_low, f_high = _columns(intervals)
     middle = 0.5 * (low + high)
-    rounding = CONDITION_ROUNDING.of(columns.dtype)
+    rounding = CONDITION_ROUNDING.of(intervals.dtype)
 
     def body(
         _: int, state: tuple[jax.Array, jax.Array, jax.Array, jax.Array]
@@ -269,7 +249,7 @@ def _refine(
         # At rounding level the weights would throw a converged root back towards the other end.
         stay = (slope == 0) | (jnp.abs(f_b) < 0.25 * rounding)
         c = jnp.where(stay, b, b - f_b * (b - a) / jnp.where(stay, 1.0, slope))
-        f_c = _condition(arm, columns, c, elbow, shoulder)[0]
+        f_c = condition.at(arm, circle, signs, c).f
         same = (f_c > 0) == (f_b > 0)
         weight = 1.0 - f_c / jnp.where(f_b == 0, 1.0, f_b)
         weight = jnp.where(weight > 0, weight, 0.5)

@@ -15,22 +15,22 @@ import jax.numpy as jnp
 import numpy as np
 
 from niryo_jax import lanes
+from niryo_jax.ik import condition
 from niryo_jax.ik.arm import Arm
-from niryo_jax.ik.bounds import proves, remainder_bound
-from niryo_jax.ik.reduction import (
-    Circle,
-    Posture,
-    joint_angles,
-    posture,
-    spherical_posture,
-)
+from niryo_jax.ik.bounds import proves
+from niryo_jax.ik.reduction import Circle, Posture, joint_angles, spherical_posture
 from niryo_jax.ik.solutions import Singularity
 from niryo_jax.lanes import Lane, Lanes
-from niryo_jax.tolerances import CLOSED_FORM, SAME_SOLUTION, SINGULAR_ANGLE
+from niryo_jax.tolerances import (
+    CLOSED_FORM,
+    CONDITION_ROUNDING,
+    SAME_SOLUTION,
+    SECANT,
+    SINGULAR_ANGLE,
+)
 
-_NODES = 16
-_SEGMENTS = 4
-_SECANTS = 5
+_SECANTS = 3
+_MARGIN = 1e-3
 
 
 class Candidates(NamedTuple):
@@ -50,7 +50,7 @@ class Candidates(NamedTuple):
 
 
 class _Brackets(NamedTuple):
-    """A change of sign in each of the slots: (2, 2, 2, batch), the last change before the first."""
+    """A change of sign in each of the slots: (2, 4, batch), the last change before the first."""
 
     exists: jax.Array
     low: jax.Array
@@ -60,88 +60,79 @@ class _Brackets(NamedTuple):
 
 def sweep(arm: Arm, circle: Circle, batch: int, dtype: np.dtype) -> Candidates:
     """The candidates of a batch of poses, two for each branch."""
-    nodes = np.linspace(-np.pi / 2, np.pi / 2, _NODES + 1)
-    sin, cos = np.sin(nodes), np.cos(nodes)
-    # The ends of the curve are where an arc's ends meet: exactly there, not almost.
-    cos[[0, -1]] = 0.0
-
-    def at(which: np.ndarray) -> tuple[Lane, Lane]:
-        sin_at, cos_at = (Lane(jnp.asarray(x[which, None], dtype)) for x in (sin, cos))
-        return sin_at, cos_at
-
-    signs = jnp.array([1.0, -1.0], dtype)
-    shoulder, elbow = Lane(signs[:, None, None, None]), Lane(signs[:, None, None])
-    f = posture(arm, circle, at(np.arange(_NODES + 1)), elbow, shoulder).dot - arm.wrist_angle
-    f = jnp.broadcast_to(lanes.store(f).array, (2, 2, _NODES + 1, batch))
-    share = _NODES // _SEGMENTS
-    middles = at(np.arange(share // 2, _NODES, share))
-    middle = posture(arm, circle, middles, elbow, shoulder)
-    remainder = remainder_bound(arm, circle, middle, middles, np.pi / 2 / _SEGMENTS)
-    remainder = lanes.store(remainder, by=middle.dot).array
-    proved, found = _brackets(f, jnp.repeat(remainder, share, axis=2), nodes)
-    slots = [x.reshape(8, batch) for x in found]
-    exists, low, f_low, f_high = slots
-    signs = signs[:, None]
-    shoulder, elbow = Lane(jnp.tile(jnp.repeat(signs, 2, 0), (2, 1))), Lane(jnp.tile(signs, (4, 1)))
-
-    def f_at(t: jax.Array) -> jax.Array:
-        found = posture(arm, circle, _sincos(t), elbow, shoulder)
-        return lanes.store(found.dot - arm.wrist_angle).array
-
-    t = _secants(f_at, low, low + np.pi / _NODES, f_low, f_high)
-    found = posture(arm, circle, _sincos(t), elbow, shoulder).stored()
+    # The scan asks for no more than the signs of f and a bound with an allowance for rounding.
+    rough, rough_circle = arm.astype(np.float32), circle.astype(np.float32)
+    proved, found = _brackets(*condition.scan(rough, rough_circle, batch, np.float32))
+    exists, *ends = (x.reshape(8, batch) for x in found)
+    signs = condition.branch_signs(jnp.tile(jnp.arange(4), 2)[:, None], np.float32)
+    root = _secants(lambda t: condition.at(rough, rough_circle, signs, t).f, _start(*ends))
+    root = _Root(*(x.astype(dtype) for x in root))
+    elbow, shoulder = (sign.astype(dtype) for sign in signs)
+    root = _secants(lambda t: condition.at(arm, circle, (elbow, shoulder), t).f, root)
+    found = condition.at(arm, circle, (elbow, shoulder), root.t).posture.stored()
     q = lanes.map_lanes(lanes.store, joint_angles(arm, circle, found))
     # What is proved here has simple roots.
     return Candidates(q, exists, jnp.zeros((8, batch), jnp.int32), proved)
 
 
-def _sincos(t: jax.Array) -> tuple[Lane, Lane]:
-    sin, cos = lanes.sincos(Lane(t))
-    return lanes.store(sin), lanes.store(cos)
-
-
-def _brackets(f: jax.Array, remainder: jax.Array, nodes: np.ndarray) -> tuple[jax.Array, _Brackets]:
+def _brackets(f: jax.Array, remainder: jax.Array) -> tuple[jax.Array, _Brackets]:
     """Whether two roots at most are proved for each branch, and the first and last sign change."""
-    start, width = float(nodes[0]), float(nodes[1] - nodes[0])
     before, after = f[..., :-1, :], f[..., 1:, :]
     change = (before > 0) != (after > 0)
-    sure, _ = proves(remainder, width, before, after)
-    count = jnp.sum(change, axis=2, dtype=jnp.int32)
-    proved = jnp.all(sure, axis=(0, 1, 2)) & jnp.all(count <= 2, axis=(0, 1))
-    number = jnp.arange(len(nodes) - 1, dtype=jnp.int32)[:, None]
-    last = jnp.max(jnp.where(change, number, 0), axis=2)
-    first = len(nodes) - 2 - jnp.max(jnp.where(change, len(nodes) - 2 - number, 0), axis=2)
+    rounding = CONDITION_ROUNDING.of(f.dtype)
+    sure, _ = proves(remainder, rounding, condition.WIDTH, before, after)
+    count = jnp.sum(change, axis=(1, 2), dtype=jnp.int32)
+    proved = jnp.all(sure, axis=(0, 1, 2)) & jnp.all(count <= 2, axis=0)
+    number = jnp.arange(condition.NODES, dtype=jnp.int32).reshape(change.shape[1], -1, 1)
+    last = jnp.max(jnp.where(change, number, 0), axis=(1, 2))
+    most = condition.NODES - 1
+    first = most - jnp.max(jnp.where(change, most - number, 0), axis=(1, 2))
     chosen = jnp.stack([last, first])
 
     def pick(values: jax.Array) -> jax.Array:
-        return jnp.sum(jnp.where(number == chosen[..., None, :], values, 0.0), axis=3)
+        return jnp.sum(jnp.where(number == chosen[:, :, None, None], values, 0.0), axis=(2, 3))
 
-    low = start + width * chosen.astype(f.dtype)
+    low = -np.pi / 2 + condition.WIDTH * chosen.astype(f.dtype)
     exists = jnp.stack([count > 0, count > 1])
     return proved, _Brackets(exists, low, pick(before), pick(after))
 
 
-def _secants(
-    f_at: Callable[[jax.Array], jax.Array],
-    low: jax.Array,
-    high: jax.Array,
-    f_low: jax.Array,
-    f_high: jax.Array,
-) -> jax.Array:
-    """The root in each bracket by secants, which cannot leave it."""
+class _Root(NamedTuple):
+    """A root t between `low` and `high`, and the slope of f there, roughly."""
 
-    def over(numerator: jax.Array, denominator: jax.Array) -> jax.Array:
-        return numerator / jnp.where(denominator == 0, 1.0, denominator)
+    t: jax.Array
+    slope: jax.Array
+    low: jax.Array
+    high: jax.Array
 
-    closer = jnp.abs(f_low) < jnp.abs(f_high)
-    t_before, f_before = jnp.where(closer, low, high), jnp.where(closer, f_low, f_high)
-    t = low - f_low * over(high - low, f_high - f_low)
-    for _ in range(_SECANTS):
-        f = f_at(t)
-        step = -f * over(t - t_before, f - f_before)
-        t_before, f_before = t, f
-        t = lanes.store(Lane(jnp.clip(t + step, low, high))).array
-    return t
+
+_State = tuple[_Root, jax.Array, jax.Array]
+
+
+def _start(low: jax.Array, f_low: jax.Array, f_high: jax.Array) -> _Root:
+    slope = (f_high - f_low) / condition.WIDTH
+    # A node so near a root that its sign is rounding may be on the wrong side of it.
+    return _Root(low - _over(f_low, slope), slope, low - _MARGIN, low + condition.WIDTH + _MARGIN)
+
+
+def _secants(f_at: Callable[[jax.Array], jax.Array], root: _Root) -> _Root:
+    """The root by secants, which cannot leave its bracket."""
+
+    def step(_: int, state: _State) -> _State:
+        root, before, f_before = state
+        f, move = f_at(root.t), root.t - before
+        told = jnp.abs(move) > SECANT.of(move.dtype)
+        slope = jnp.where(told, _over(f - f_before, move), root.slope)
+        t = jnp.clip(root.t - _over(f, slope), root.low, root.high)
+        return root._replace(t=t, slope=slope), root.t, f
+
+    # No point is known before the first; the slope is.
+    start = root, root.t, jnp.zeros_like(root.t)
+    return jax.lax.fori_loop(0, _SECANTS, step, start)[0]
+
+
+def _over(numerator: jax.Array, denominator: jax.Array) -> jax.Array:
+    return numerator / jnp.where(denominator == 0, 1.0, denominator)
 
 
 def spherical(arm: Arm, circle: Circle, batch: int, dtype: np.dtype) -> Candidates:

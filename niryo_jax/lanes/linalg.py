@@ -81,7 +81,7 @@ def orthogonalise(rows: Lanes, tolerance: float) -> Orthogonal:
     A row of which less than the share `tolerance` is independent of those before it is dependent.
     """
     count = len(rows)
-    basis, lower = rows.copy(), lanes_of(np.zeros((count, count)))
+    basis, lower = map_lanes(store, rows), lanes_of(np.zeros((count, count)))
     reciprocals = lanes_of(np.zeros(count))
     for i in range(count):
         whole = norm(basis[i])

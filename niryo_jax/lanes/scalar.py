@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable
 from typing import Any
 
@@ -10,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
+from jax import lax
 
 Lanes = npt.NDArray[np.object_]
 """An array of lanes: numpy, dtype object."""
@@ -21,19 +23,47 @@ Condition = jax.Array | np.bool_
 def _elementwise(operation: Callable[[Lane, Lane], Lane]) -> Callable[[Lane, Any], Lane]:
     """An operator of two lanes that leaves arrays of lanes to numpy, which calls it per element."""
 
-    def operator(self: Lane, other: Any) -> Lane:
+    def method(self: Lane, other: Any) -> Lane:
         return NotImplemented if isinstance(other, np.ndarray) else operation(self, as_lane(other))
 
-    return operator
+    return method
+
+
+Value = jax.Array | float
+
+
+def _apply(
+    strict: Callable[[Any, Any], Any], general: Callable[[Any, Any], Any], a: Value, b: Value
+) -> Any:
+    """An operation on arrays or known numbers.
+
+    Tracing is most of what a program from the compilation cache costs, and the strict operations
+    of `jax.lax`, which neither broadcast nor promote, are traced several times faster.
+    """
+    if isinstance(a, int | float):
+        if isinstance(b, int | float) or not _is_strict(b):
+            return general(a, b)
+        return strict(b.dtype.type(a), b)
+    if not _is_strict(a):
+        return general(a, b)
+    if isinstance(b, int | float):
+        return strict(a, a.dtype.type(b))
+    alike = a.shape == b.shape and a.dtype == b.dtype and _is_strict(b)
+    return (strict if alike else general)(a, b)
+
+
+def _is_strict(array: jax.Array) -> bool:
+    """Whether an array has a floating-point dtype that a number beside it must take."""
+    return array.dtype.kind == "f" and not getattr(array, "weak_type", True)
 
 
 class Lane:
     """One scalar over the batch: an array of the batch's shape, or a float known while tracing."""
 
     __slots__ = ("value",)
-    value: jax.Array | float
+    value: Value
 
-    def __init__(self, value: jax.Array | float) -> None:
+    def __init__(self, value: Value) -> None:
         self.value = value
 
     @property
@@ -50,13 +80,17 @@ class Lane:
         """Whether this is known while tracing to be exactly `number`."""
         return isinstance(self.value, float) and self.value == number
 
+    def astype(self, dtype: jax.typing.DTypeLike) -> Lane:
+        """The same in a dtype; what is known while tracing has none."""
+        return self if self.known else Lane(jnp.asarray(self.value, dtype))
+
     @_elementwise
     def __add__(self, other: Lane) -> Lane:
         if other.is_known(0.0):
             return self
         if self.is_known(0.0):
             return other
-        return Lane(self.value + other.value)
+        return Lane(_apply(lax.add, operator.add, self.value, other.value))
 
     @_elementwise
     def __sub__(self, other: Lane) -> Lane:
@@ -64,7 +98,7 @@ class Lane:
             return self
         if self.is_known(0.0):
             return -other
-        return Lane(self.value - other.value)
+        return Lane(_apply(lax.sub, operator.sub, self.value, other.value))
 
     @_elementwise
     def __mul__(self, other: Lane) -> Lane:
@@ -75,7 +109,7 @@ class Lane:
                 return rest
             if one.is_known(-1.0):
                 return -rest
-        return Lane(self.value * other.value)
+        return Lane(_apply(lax.mul, operator.mul, self.value, other.value))
 
     @_elementwise
     def __truediv__(self, other: Lane) -> Lane:
@@ -83,7 +117,7 @@ class Lane:
             return ZERO
         if other.is_known(1.0):
             return self
-        return Lane(self.value / other.value)
+        return Lane(_apply(lax.div, operator.truediv, self.value, other.value))
 
     def __neg__(self) -> Lane:
         # A known zero stays +0.0, so that folding never makes a negative zero out of nothing.
@@ -105,16 +139,16 @@ class Lane:
         return as_lane(other) / self
 
     def __lt__(self, other: Lane | float) -> Condition:
-        return _condition(self.value < as_lane(other).value)
+        return _condition(_apply(lax.lt, operator.lt, self.value, as_lane(other).value))
 
     def __le__(self, other: Lane | float) -> Condition:
-        return _condition(self.value <= as_lane(other).value)
+        return _condition(_apply(lax.le, operator.le, self.value, as_lane(other).value))
 
     def __gt__(self, other: Lane | float) -> Condition:
-        return _condition(self.value > as_lane(other).value)
+        return _condition(_apply(lax.gt, operator.gt, self.value, as_lane(other).value))
 
     def __ge__(self, other: Lane | float) -> Condition:
-        return _condition(self.value >= as_lane(other).value)
+        return _condition(_apply(lax.ge, operator.ge, self.value, as_lane(other).value))
 
     def __repr__(self) -> str:
         return f"Lane({self.value})"
@@ -185,7 +219,20 @@ def select(condition: Condition, if_true: Lane | float, if_false: Lane | float) 
     """`if_true` where the condition holds, `if_false` elsewhere; folded when it is known."""
     if isinstance(condition, np.bool_):
         return as_lane(if_true if condition else if_false)
-    return Lane(jnp.where(condition, as_lane(if_true).value, as_lane(if_false).value))
+    if_true, if_false = as_lane(if_true), as_lane(if_false)
+    if if_true.known and if_false.known and if_true.value == if_false.value:
+        return if_true
+    return Lane(_where(condition, if_true.value, if_false.value))
+
+
+def _where(condition: jax.Array, a: Value, b: Value) -> jax.Array:
+    if isinstance(a, int | float) or isinstance(b, int | float):
+        array = b if isinstance(a, int | float) else a
+        if isinstance(array, int | float) or not _is_strict(array):
+            return jnp.where(condition, a, b)
+        a, b = (lax.full_like(array, x) if isinstance(x, int | float) else x for x in (a, b))
+    alike = condition.shape == a.shape == b.shape and a.dtype == b.dtype
+    return (lax.select if alike else jnp.where)(condition, a, b)
 
 
 def choose(condition: Condition, if_true: Lanes, if_false: Lanes) -> Lanes:
@@ -200,7 +247,7 @@ def maximum(a: Lane | float, b: Lane | float) -> Lane:
     a, b = as_lane(a), as_lane(b)
     if a.known and b.known:
         return Lane(max(float(a.value), float(b.value)))
-    return Lane(jnp.maximum(a.value, b.value))
+    return Lane(_apply(lax.max, jnp.maximum, a.value, b.value))
 
 
 def minimum(a: Lane | float, b: Lane | float) -> Lane:
@@ -216,8 +263,8 @@ def sqrt(x: Lane) -> Lane:
     """
     if isinstance(x.value, float):
         return Lane(0.0 if x.value <= 0 else math.sqrt(x.value))
-    empty = x.value <= 0
-    return Lane(jnp.where(empty, 0.0, jnp.sqrt(jnp.where(empty, 1.0, x.value))))
+    empty = _apply(lax.le, operator.le, x.value, 0.0)
+    return Lane(_where(empty, 0.0, lax.sqrt(_where(empty, 1.0, x.value))))
 
 
 def store(lane: Lane, by: Lane | None = None) -> Lane:
@@ -231,16 +278,6 @@ def store(lane: Lane, by: Lane | None = None) -> Lane:
     """
     if lane.known:
         return lane
-    return Lane(_divide_by_one(lane.value, (lane if by is None else by).value))
-
-
-@jax.custom_jvp
-def _divide_by_one(x: jax.Array, by: jax.Array) -> jax.Array:
-    return x / (1.0 + 0.0 * by)
-
-
-@_divide_by_one.defjvp
-def _divide_by_one_jvp(
-    primals: tuple[jax.Array, jax.Array], tangents: tuple[jax.Array, jax.Array]
-) -> tuple[jax.Array, jax.Array]:
-    return _divide_by_one(*primals), tangents[0] / (1.0 + 0.0 * primals[1])
+    other = lax.stop_gradient((lane if by is None else by).value)
+    one = _apply(lax.add, operator.add, _apply(lax.mul, operator.mul, other, 0.0), 1.0)
+    return Lane(_apply(lax.div, operator.truediv, lane.value, one))

@@ -15,8 +15,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
-from niryo_jax.lanes.scalar import Lane, as_lane
+from niryo_jax.lanes.scalar import Lane, as_lane, maximum, minimum, select
 
 
 class _Coefficients(NamedTuple):
@@ -93,8 +94,8 @@ def _coefficients(dtype: np.dtype) -> _Coefficients:
     return _FLOAT64 if dtype == np.float64 else _FLOAT32
 
 
-def _polynomial(z: jax.Array, coefficients: Sequence[float]) -> jax.Array:
-    value = jnp.full_like(z, coefficients[-1])
+def _polynomial(z: Lane, coefficients: Sequence[float]) -> Lane:
+    value = Lane(coefficients[-1])
     for coefficient in reversed(coefficients[:-1]):
         value = value * z + coefficient
     return value
@@ -109,22 +110,24 @@ def _two_parts(value: float, dtype: np.dtype) -> tuple[float, float]:
 @jax.custom_jvp
 def _sincos(x: jax.Array) -> tuple[jax.Array, jax.Array]:
     c = _coefficients(x.dtype)
-    quotient = jax.lax.round(x * (2 / math.pi), jax.lax.RoundingMethod.TO_NEAREST_EVEN)
-    r = x
+    angle = Lane(x)
+    quotient = Lane(lax.round((angle * (2 / math.pi)).array, lax.RoundingMethod.TO_NEAREST_EVEN))
+    r = angle
     for part in c.half_pi_parts:
         r = r - quotient * part
     # Beyond this the spacing of floating-point numbers exceeds the period: no answer is right.
-    r = jnp.where(jnp.abs(quotient) <= c.largest_quotient, r, jnp.nan)
+    r = select(abs(quotient) <= c.largest_quotient, r, math.nan)
     z = r * r
     sin = r + r * (z * _polynomial(z, c.sin))
     cos = 1.0 - (0.5 * z - z * z * _polynomial(z, c.cos))
-    quadrant = quotient - 4.0 * jnp.floor(quotient * 0.25)
+    # The quarter turns, modulo 4: 0 to 3.
+    quadrant = (quotient - 4.0 * Lane(lax.floor((quotient * 0.25).array))).array
     odd = (quadrant == 1.0) | (quadrant == 3.0)
-    sin_r, cos_r = jnp.where(odd, cos, sin), jnp.where(odd, sin, cos)
-    sin_x = jnp.where(quadrant >= 2.0, -sin_r, sin_r)
+    sin_r, cos_r = select(odd, cos, sin), select(odd, sin, cos)
+    sin_x = select(quadrant >= 2.0, -sin_r, sin_r)
     return (
-        jnp.where(x == 0, x, sin_x),  # keeps the sign of zero
-        jnp.where((quadrant == 1.0) | (quadrant == 2.0), -cos_r, cos_r),
+        select(x == 0, angle, sin_x).array,  # keeps the sign of zero
+        select((quadrant == 1.0) | (quadrant == 2.0), -cos_r, cos_r).array,
     )
 
 
@@ -142,21 +145,23 @@ def _atan2(y: jax.Array, x: jax.Array) -> jax.Array:
     quarter, quarter_rest = _two_parts(math.pi / 4, dtype)
     half, half_rest = _two_parts(math.pi / 2, dtype)
     pi, pi_rest = _two_parts(math.pi, dtype)
-    large, small = jnp.maximum(jnp.abs(x), jnp.abs(y)), jnp.minimum(jnp.abs(x), jnp.abs(y))
+    width, height = abs(Lane(x)), abs(Lane(y))
+    large, small = maximum(width, height), minimum(width, height)
     # Scaled so that neither the sum below nor a quotient of huge or tiny numbers overflows.
-    scale = jnp.where(large > 1.0, 0.25, 1.0)
-    diagonal = small == jnp.inf
-    large, small = (jnp.where(diagonal, 1.0, value * scale) for value in (large, small))
+    huge, diagonal = large > 1.0, small >= math.inf
+    large, small = (
+        select(diagonal, 1.0, select(huge, 0.25 * length, length)) for length in (large, small)
+    )
     upper = small > _TAN_PI_8 * large
-    numerator = jnp.where(upper, small - large, small)
-    denominator = jnp.where(upper, small + large, large)
-    t = numerator / jnp.where(denominator == 0, 1.0, denominator)
+    numerator = select(upper, small - large, small)
+    denominator = select(upper, small + large, large)
+    t = numerator / select(denominator <= 0.0, 1.0, denominator)
     z = t * t
     angle = t + t * (z * _polynomial(z, _coefficients(dtype).atan))
-    angle = jnp.where(upper, quarter + (angle + quarter_rest), angle)
-    angle = jnp.where(jnp.abs(y) > jnp.abs(x), half - (angle - half_rest), angle)
-    angle = jnp.where(jnp.signbit(x), pi - (angle - pi_rest), angle)
-    return jnp.where(jnp.signbit(y), -angle, angle)
+    angle = select(upper, quarter + (angle + quarter_rest), angle)
+    angle = select(height > width, half - (angle - half_rest), angle)
+    angle = select(jnp.signbit(x), pi - (angle - pi_rest), angle)
+    return select(jnp.signbit(y), -angle, angle).array
 
 
 @_atan2.defjvp

@@ -1,0 +1,75 @@
+"""The one condition of an offset-wrist arm along its curve: at a point, and at nodes of it all."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from niryo_jax import lanes
+from niryo_jax.ik.arm import Arm
+from niryo_jax.ik.bounds import remainder_bound
+from niryo_jax.ik.reduction import Circle, Posture, posture
+from niryo_jax.lanes import Lane
+
+NODES = 16
+SEGMENTS = 4
+SHARE = NODES // SEGMENTS
+WIDTH = np.pi / NODES
+
+
+class Point(NamedTuple):
+    """A point of the curve: the condition, the posture, and sine and cosine of t."""
+
+    f: jax.Array
+    posture: Posture
+    sin_cos: tuple[Lane, Lane]
+
+
+def branch_signs(branch: jax.Array, dtype: jax.typing.DTypeLike) -> tuple[Lane, Lane]:
+    """The signs of elbow and shoulder of a branch 0..3."""
+    one = jnp.ones(branch.shape, dtype)
+    elbow, shoulder = branch < 2, branch % 2 == 0
+    return Lane(jnp.where(elbow, one, -one)), Lane(jnp.where(shoulder, one, -one))
+
+
+def at(arm: Arm, circle: Circle, signs: tuple[Lane, Lane], t: jax.Array) -> Point:
+    """The condition at t, on the branch of the signs of elbow and shoulder."""
+    sin, cos = lanes.sincos(Lane(t))
+    sin_cos = lanes.store(sin), lanes.store(cos)
+    found = posture(arm, circle, sin_cos, *signs)
+    return Point(lanes.store(found.dot - arm.wrist_angle).array, found, sin_cos)
+
+
+def scan(
+    arm: Arm, circle: Circle, batch: int, dtype: jax.typing.DTypeLike
+) -> tuple[jax.Array, jax.Array]:
+    """The condition all along the curve.
+
+    Returns:
+        (4, SEGMENTS, SHARE + 1, batch) f of each branch at the nodes of each segment, of which the
+        first and the last are those of its neighbours; and (4, SEGMENTS, 1, batch) the
+        `remainder_bound` of the segments.
+    """
+    number = SHARE * np.arange(SEGMENTS)[:, None] + np.arange(SHARE + 1)
+    signs = branch_signs(jnp.arange(4).reshape(4, 1, 1, 1), dtype)
+
+    def posture_at(number: np.ndarray) -> tuple[Posture, tuple[Lane, Lane]]:
+        t = node(number)
+        # The ends of the curve are where an arc's ends meet: exactly there, not almost.
+        cos = np.where(number % NODES == 0, 0.0, np.cos(t))
+        sin_t, cos_t = (Lane(jnp.asarray(x[..., None], dtype)) for x in (np.sin(t), cos))
+        return posture(arm, circle, (sin_t, cos_t), *signs), (sin_t, cos_t)
+
+    f = posture_at(number)[0].dot - arm.wrist_angle
+    f = jnp.broadcast_to(lanes.store(f).array, (4, SEGMENTS, SHARE + 1, batch))
+    middle, sin_cos = posture_at(number[:, [SHARE // 2]])
+    remainder = remainder_bound(arm, circle, middle, sin_cos, np.pi / 2 / SEGMENTS)
+    return f, lanes.store(remainder, by=middle.dot).array
+
+
+def node(number: np.ndarray) -> np.ndarray:
+    """t at the nodes 0..NODES."""
+    return -np.pi / 2 + WIDTH * number
