@@ -57,7 +57,7 @@ from niryo_jax.tolerances import (
 
 _SMALL = 16
 _BLOCK = 256
-_CHUNK = 1024
+_CHUNK = 512
 _AT_ONCE = 2048
 _POLISHED = 128
 _POLISHING = 5

@@ -29,7 +29,7 @@ from niryo_jax.tolerances import (
     VANISHING,
 )
 
-_WIDTH = 1024
+_WIDTH = 512
 _DEPTH = 48
 _ITEMS = 8192
 _ROOTS, _MORE_ROOTS = 18, 512
