@@ -74,10 +74,8 @@ ARM_NUMBER = 1e-14
 """A number of an arm (a sine, a cosine, a length in metres) this near to 0, 1 or -1 is that."""
 
 CONDITION_ROUNDING = ByDtype(4e-15, 2e-6)
-"""The condition of an offset-wrist arm (a cosine) is computed to within this..."""
-
-NEAR_AXIS_1 = 4e-4
-"""... where the wrist is at least so far (metres) from axis 1, and to less in proportion nearer."""
+"""The condition of an offset-wrist arm (a cosine) is computed to within this, for a
+pose within rounding of the one that is given."""
 
 SECANT = ByDtype(1e-9, 1e-3)
 """Two points nearer to each other than this (radians) tell the rounding of the condition of an
@@ -113,3 +111,13 @@ VANISHING = ByDtype(2e-13, 1e-5)
 
 SINGULAR_ANGLE = ByDtype(1e-7, 1e-4)
 """An arm is at a singularity of a spherical-wrist arm where it is nearer than this (radians)."""
+
+REACH_EDGE = ByDtype(1e-9, 1e-5)
+"""The edge of what is reachable is found to within this (metres)."""
+
+PATH_SHARE = 1e-5
+"""No smaller share of the way between two samples of a path is looked at: where branches merge they
+would be one solution."""
+
+BRANCHES_MEET = 0.1
+"""Branches that are nearer than this (radians) where both end have merged there."""

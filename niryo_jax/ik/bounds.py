@@ -19,6 +19,7 @@ from niryo_jax import lanes
 from niryo_jax.ik.arm import Arm
 from niryo_jax.ik.reduction import Circle, HalfAngle, Posture
 from niryo_jax.lanes import Lane
+from niryo_jax.tolerances import CONDITION_ROUNDING
 
 # Its power 1.5 must not underflow in float32.
 _TINY = 1e-20
@@ -115,7 +116,6 @@ def _square(x: Lane) -> Lane:
 
 def proves(
     remainder: jax.Array,
-    rounding: jax.Array | float,
     width: jax.Array | float,
     f_low: jax.Array,
     f_high: jax.Array,
@@ -124,7 +124,6 @@ def proves(
 
     Args:
         remainder: m of `remainder_bound`, for the whole interval.
-        rounding: to within which the condition is computed.
         width: of the interval.
         f_low, f_high: the condition at its ends.
 
@@ -132,6 +131,7 @@ def proves(
         Whether it is proved that the interval holds one root if its ends differ in sign and none
         otherwise; and how far the condition can be from its chord.
     """
+    rounding = CONDITION_ROUNDING.of(f_low.dtype)
     sag = remainder * (width * width)
     change = (f_low > 0) != (f_high > 0)
     monotone = jnp.abs(f_high - f_low) > 0.62 * sag + rounding

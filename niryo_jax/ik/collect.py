@@ -16,6 +16,7 @@ from niryo_jax.ik.solutions import (
     Obstacle,
     Singularity,
     are_within_limits,
+    less_turns,
     limit_margin,
     wrap_into_limits,
 )
@@ -127,9 +128,7 @@ def finish(
 
 def duplicates(q: jax.Array, converged: jax.Array, periodic: tuple[bool, ...]) -> jax.Array:
     """(..., m): whether a joint vector is the same as one before it, up to whole turns."""
-    turn = jnp.where(jnp.array(periodic), 2 * jnp.pi, jnp.inf)
-    apart = q[..., :, None, :] - q[..., None, :, :]
-    apart = jnp.abs(apart - jnp.where(jnp.isinf(turn), 0.0, turn * jnp.round(apart / turn)))
+    apart = jnp.abs(less_turns(q[..., :, None, :] - q[..., None, :, :], periodic))
     same = jnp.all(apart < SAME_SOLUTION.of(q.dtype), axis=-1) & converged[..., None, :]
     before = jnp.tri(q.shape[-2], k=-1, dtype=bool)
     return jnp.any(same & before, axis=-1) & converged

@@ -20,6 +20,7 @@ from niryo_jax import lanes
 from niryo_jax.geometry import Geometry, on_robot
 from niryo_jax.ik.arm import Arm, arm_from
 from niryo_jax.ik.arrange import Slots, arrange
+from niryo_jax.ik.batches import BLOCK, program_size
 from niryo_jax.ik.collect import finish
 from niryo_jax.ik.error import pose_errors
 from niryo_jax.ik.implicit import implicit_rate, zero_tangent
@@ -34,6 +35,7 @@ from niryo_jax.ik.reduction import (
 )
 from niryo_jax.ik.solutions import IKSolutions, Obstacle, Singularity
 from niryo_jax.ik.subdivide import (
+    BRACKET,
     SELF_MOTION,
     TOUCHING,
     Roots,
@@ -55,8 +57,6 @@ from niryo_jax.tolerances import (
     SAME_SOLUTION,
 )
 
-_SMALL = 16
-_BLOCK = 256
 _CHUNK = 512
 _AT_ONCE = 2048
 _POLISHED = 128
@@ -86,7 +86,7 @@ def solve(
 ) -> Answer:
     """All solutions of rigid motions (batch, 4, 4); `program_size` says which batches."""
     size = target.shape[0]
-    block = min(size, _BLOCK) if jax.default_backend() == "cpu" else size
+    block = min(size, BLOCK) if jax.default_backend() == "cpu" else size
     parts = jax.lax.map(
         lambda part: _sweep_block(geometry, arm, part[0], part[1], limits),
         (target.reshape(-1, block, 4, 4), valid.reshape(-1, block)),
@@ -164,7 +164,7 @@ def _subdivide_chunk(
     good = real & (position < IK_POSITION.of(dtype)) & (rotation < IK_ROTATION.of(dtype))
 
     # A root that is proved to be there and whose joint vector does not close is a solution lost.
-    lost = real & ~good & (roots.intervals[:, 1] < 4.0)
+    lost = real & ~good & (roots.kind == BRACKET)
     incomplete = jnp.zeros(rows, bool).at[jnp.where(lost, roots.pose, rows)].set(True, mode="drop")
 
     # Sorted by pose and by a number that equal joint vectors share, so that they are neighbours.
@@ -184,7 +184,7 @@ def _subdivide_chunk(
     candidates = np.array([Lane(q[:, i][taken]) for i in range(q.shape[1])], dtype=object)
     crowded = jnp.zeros(rows, bool).at[jnp.where(kept & (place >= _MOST), owner, rows)]
     crowded = crowded.set(True, mode="drop")
-    kind = (roots.intervals[:, 1].astype(jnp.int32) // 4)[taken]
+    kind = roots.kind[taken]
     singularity = jnp.select(
         [kind == SELF_MOTION, kind == TOUCHING],
         [jnp.int32(Singularity.SELF_MOTION), jnp.int32(Singularity.MERGED)],
@@ -412,14 +412,3 @@ def _padded(pose: jax.Array, size: int) -> jax.Array:
 def _cut(answer: IKSolutions, batch: tuple[int, ...]) -> IKSolutions:
     """The first answers of a row, in the shape of their poses."""
     return answer.map(lambda x: x[: math.prod(batch)].reshape(*batch, *x.shape[1:]))
-
-
-def program_size(size: int) -> int:
-    """The batch size to compile for: few different ones, at most a quarter more than asked."""
-    if size <= _SMALL:
-        return _SMALL
-    if size <= _BLOCK:
-        return _BLOCK
-    blocks = -(-size // _BLOCK)
-    step = 1 << max(0, blocks.bit_length() - 3)
-    return -(-blocks // step) * step * _BLOCK

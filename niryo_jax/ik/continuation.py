@@ -12,11 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from niryo_jax.ik.batches import in_chunks
 from niryo_jax.ik.collect import collect, limits_of
 from niryo_jax.ik.complete import solve_complete
-from niryo_jax.ik.multistart import in_chunks
 from niryo_jax.ik.newton import newton_raphson
-from niryo_jax.ik.solutions import IKSolutions
+from niryo_jax.ik.solutions import IKSolutions, less_turns
 from niryo_jax.ik.target import make_target
 from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.lie import se3
@@ -123,8 +123,7 @@ def _guesses(q: jax.Array, found: jax.Array) -> jax.Array:
     others = others.reshape(*own.shape[:-2], -1, own.shape[-1])
     exists = found[..., 1:, :].reshape(others.shape[:-1])
     apart = others[..., :, None, :] - own[..., None, :, :]
-    apart = jnp.abs(apart - 2 * jnp.pi * jnp.round(apart / (2 * jnp.pi)))
-    apart = jnp.max(apart, axis=-1)
+    apart = jnp.max(jnp.abs(less_turns(apart, (True,) * own.shape[-1])), axis=-1)
     apart = jnp.min(jnp.where(found[..., 0, None, :], apart, 2 * jnp.pi), axis=-1)
     _, best = jax.lax.top_k(jnp.where(exists, apart, -1.0), _OTHERS)
     others = jnp.take_along_axis(others, best[..., None], axis=-2)

@@ -12,19 +12,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from niryo_jax.ik.complete import program_size, solve_complete
-from niryo_jax.ik.solutions import IKSolutions, Singularity, limit_margin
+from niryo_jax.ik.batches import program_size
+from niryo_jax.ik.complete import solve_complete
+from niryo_jax.ik.solutions import IKSolutions, Singularity, less_turns, limit_margin
 from niryo_jax.lanes.batching import as_floating
 from niryo_jax.robot import Robot, is_concrete
-from niryo_jax.tolerances import LIMIT_ROUNDING
+from niryo_jax.tolerances import BRANCHES_MEET, LIMIT_ROUNDING, PATH_SHARE
 
 _FINER = 16
 _FINER_ROUNDS = 20
-_FINEST = 1e-5
-"""No smaller share of the way between two samples is looked at: where branches merge they would be
-one solution."""
-_MEETING = 0.1
-"""Branches that are nearer than this (radians) where both end have merged there."""
 
 
 @jax.tree_util.register_dataclass
@@ -135,7 +131,7 @@ def _walk(
     def step(carry: _State, sample: _State) -> tuple[_State, _Walk]:
         q, moved, others, lives, alive = carry
         candidates, found, label = sample
-        there = q + _turned(candidates - q, solutions.periodic)
+        there = q + less_turns(candidates - q, solutions.periodic)
         away = jnp.max(jnp.abs(there - q), axis=-1)
         near = found & (away <= largest_step)
         off = jnp.max(jnp.abs(there - q - moved), axis=-1)
@@ -162,15 +158,9 @@ def _walk(
     return jax.lax.scan(step, first, (solutions.q, solutions.found, solutions.label))[1]
 
 
-def _turned(difference: jax.Array, periodic: tuple[bool, ...]) -> jax.Array:
-    """Differences of joint vectors less the whole turns in them."""
-    turns = jnp.round(difference / (2 * jnp.pi))
-    return difference - jnp.where(jnp.array(periodic), 2 * jnp.pi * turns, 0.0)
-
-
 def _apart(a: jax.Array, b: jax.Array, periodic: tuple[bool, ...]) -> jax.Array:
     """The largest joint difference of joint vectors (..., n), whole turns aside."""
-    return jnp.max(jnp.abs(_turned(a - b, periodic)), axis=-1)
+    return jnp.max(jnp.abs(less_turns(a - b, periodic)), axis=-1)
 
 
 class _Branch(NamedTuple):
@@ -216,7 +206,7 @@ def _nearest(
     Its slot, the change (n,) from q to it, and whether that is within the largest step; where none
     is, those of the solution nearest to q.
     """
-    change = np.asarray(_turned(solutions.q[at] - q, solutions.periodic))
+    change = np.asarray(less_turns(solutions.q[at] - q, solutions.periodic))
     away = np.where(solutions.found[at], np.abs(change).max(axis=-1), np.inf)
     near = away <= largest_step
     off = np.where(near, np.abs(change - moved).max(axis=-1), np.inf)
@@ -270,9 +260,9 @@ def _between(branch: _Branch, end: int, q: np.ndarray, moved: np.ndarray) -> str
         if near and (words := _beyond_limits(robot, q + change)):
             return f"Between the two samples {words}"
         width /= _FINER
-        if width < _FINEST:
+        if width < PATH_SHARE:
             break
-    if other < _MEETING:
+    if other < BRANCHES_MEET:
         return (
             "Between the two samples the branch merges with another one and both end: "
             "the arm is singular there."

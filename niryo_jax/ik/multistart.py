@@ -7,26 +7,20 @@ found is certain; that there is nothing else is not, and with more starts less i
 
 from __future__ import annotations
 
-import dataclasses
-import math
-from collections.abc import Callable
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from niryo_jax.ik.batches import in_chunks
 from niryo_jax.ik.collect import collect, limits_of
 from niryo_jax.ik.newton import newton_raphson
 from niryo_jax.ik.solutions import IKSolutions
 from niryo_jax.ik.target import make_target
 from niryo_jax.lanes.batching import as_floating, check_shape
-from niryo_jax.robot import Robot, is_concrete
+from niryo_jax.robot import Robot
 from niryo_jax.structure import joint_kinds
 
-_SMALL = 16
-_CHUNK = 256
-_CHUNK_ON_ACCELERATOR = 4096
 _STEP = 1.5
 """Far from any answer, longer steps than Newton-Raphson takes by default converge more often."""
 
@@ -74,34 +68,6 @@ def solve_multistart(robot: Robot, pose: ArrayLike, starts: int = 64) -> IKSolut
         return collect(newton, target, limits, periodic)
 
     return in_chunks(some, pose)
-
-
-def in_chunks(solve: Callable[[jax.Array], IKSolutions], pose: jax.Array) -> IKSolutions:
-    """`solve` of poses (..., 4, 4), which it gets as (chunk, 4, 4), so many at a time.
-
-    Memory stays bounded, and few different shapes are compiled, each of which is a program.
-    """
-    batch = pose.shape[:-2]
-    size = math.prod(batch)
-    most = _CHUNK if jax.default_backend() == "cpu" else _CHUNK_ON_ACCELERATOR
-    chunk = min(most, _SMALL if size <= _SMALL else max(_CHUNK, 1 << (size - 1).bit_length()))
-    chunks = max(1, -(-size // chunk))
-    flat = jnp.pad(pose.reshape(size, 4, 4), ((0, chunks * chunk - size), (0, 0), (0, 0)))
-    parts = flat.reshape(chunks, chunk, 4, 4)
-    if chunks > 1 and not is_concrete(parts):
-        answer = jax.lax.map(solve, parts)
-        limits = answer.lower[0], answer.upper[0]
-    else:
-        # On concrete poses, programs are shared by all robots whose zeros are in the same places.
-        answers = [solve(part) for part in parts]
-        answer = jax.tree.map(lambda *x: jnp.stack(x), *answers)
-        limits = answers[0].lower, answers[0].upper
-
-    def to_batch(x: jax.Array) -> jax.Array:
-        last = x.shape[2:]
-        return x.reshape(chunks * chunk, *last)[:size].reshape(*batch, *last)
-
-    return dataclasses.replace(answer.map(to_batch), lower=limits[0], upper=limits[1])
 
 
 def evenly(count: int, dimensions: int) -> np.ndarray:

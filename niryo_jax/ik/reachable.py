@@ -12,10 +12,7 @@ from niryo_jax.ik.solutions import IKStatus
 from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.robot import Robot, is_concrete
 from niryo_jax.structure import OffsetWristArm, offset_wrist_arm
-from niryo_jax.tolerances import ByDtype
-
-EDGE = ByDtype(1e-9, 1e-5)
-"""The edge of what is reachable is found to within this (metres)."""
+from niryo_jax.tolerances import REACH_EDGE
 
 _COARSE = 64
 _FINE = 16
@@ -117,7 +114,7 @@ def _brought_near(
     step = 2 * longest / (_COARSE - 1)
     outer = inner + np.clip(radius - inner, -step, step)
     share = np.arange(1, _FINE + 1) / _FINE
-    while np.max(np.abs(outer - inner), where=ok, initial=0.0) > EDGE.of(given.dtype):
+    while np.max(np.abs(outer - inner), where=ok, initial=0.0) > REACH_EDGE.of(given.dtype):
         width = (inner - outer) / _FINE
         radii, reached = first(outer[:, None] + (inner - outer)[:, None] * share)
         inner = np.where(reached, radii, inner)

@@ -79,7 +79,6 @@ def wrist_circle(arm: Arm, target: Lanes) -> Circle:
     a, b, r, d = arm.upper_arm, arm.forearm, arm.radius, arm.sideways
     if arm.is_spherical:
         side, start, height = spoke, lanes.lanes_of([1.0, 0.0]), Lane(0.0)
-        distance = lanes.store(lanes.norm(centre))
     else:
         along = lanes.store(centre @ axis)
         level = centre - along * axis
@@ -88,9 +87,8 @@ def wrist_circle(arm: Arm, target: Lanes) -> Circle:
         side = lanes.choose(aside, level / lanes.select(aside, height, 1.0), spoke)
         side = _stored(side)
         start = np.array([spoke @ side, spoke @ lanes.cross(axis, side)], dtype=object)
-        distance = None
     second = _stored(lanes.cross(axis, side))
-    square = centre @ centre if distance is None else distance * distance
+    square = lanes.store(centre @ centre)
     # sin^2(E/2) = e + m sin^2(u/2), since the law of cosines is linear in cos E and in cos u.
     scale = 4.0 * a * b
     m = lanes.store(4.0 * r * height / scale)

@@ -236,6 +236,12 @@ def wrap_into_limits(
     return jnp.where(inside, wrapped, turned)
 
 
+def less_turns(difference: jax.Array, periodic: tuple[bool, ...]) -> jax.Array:
+    """Differences (..., n) of joint vectors less the whole turns in them."""
+    turns = jnp.round(difference / (2 * jnp.pi))
+    return difference - jnp.where(jnp.array(periodic), 2 * jnp.pi * turns, 0.0)
+
+
 def limit_margin(q: jax.Array, lower: jax.Array, upper: jax.Array) -> jax.Array:
     """(..., n) -> (...,): the least distance of a joint to a limit, negative outside, radians."""
     return jnp.min(jnp.minimum(q - lower, upper - q), axis=-1)

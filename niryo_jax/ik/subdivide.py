@@ -24,7 +24,6 @@ from niryo_jax.tolerances import (
     CONDITION_ROUNDING,
     CROSSING,
     NARROWEST,
-    NEAR_AXIS_1,
     SQUARE_ROOT_END,
     VANISHING,
 )
@@ -32,9 +31,9 @@ from niryo_jax.tolerances import (
 _WIDTH = 512
 _DEPTH = 48
 _ITEMS = 8192
-_ROOTS, _MORE_ROOTS = 18, 512
+_ROOTS, _MORE_ROOTS = 36, 512
 _REFINEMENTS = 9
-_BRACKET, TOUCHING, _CROSSING, SELF_MOTION = 0, 1, 2, 3
+BRACKET, TOUCHING, _CROSSING, SELF_MOTION = 0, 1, 2, 3
 
 
 class Roots(NamedTuple):
@@ -49,6 +48,11 @@ class Roots(NamedTuple):
     pose: jax.Array
     intervals: jax.Array
     complete: jax.Array
+
+    @property
+    def kind(self) -> jax.Array:
+        """(r,) `BRACKET`, `TOUCHING`, or `SELF_MOTION`, or a place where the wrist is on axis 1."""
+        return self.intervals[:, 1].astype(jnp.int32) // 4
 
 
 class _State(NamedTuple):
@@ -97,7 +101,7 @@ def posture_of(arm: Arm, circle: Circle, intervals: jax.Array) -> Posture:
     code = intervals[:, 1].astype(jnp.int32)
     kind = code // 4
     signs = condition.branch_signs(code % 4, intervals.dtype)
-    t = _refine(arm, circle, signs, kind == _BRACKET, intervals)
+    t = _refine(arm, circle, signs, kind == BRACKET, intervals)
     found = condition.at(arm, circle, signs, t)
     regular = found.posture.stored()
     if not arm.is_planar:
@@ -122,7 +126,7 @@ def _first_intervals(
     rows, dtype = columns.shape[0], columns.dtype
     f, remainder = condition.scan(arm, read_circle(columns), rows, dtype)
     before, after = f[:, :, :-1], f[:, :, 1:]
-    certain, _ = proves(remainder, CONDITION_ROUNDING.of(dtype), condition.WIDTH, before, after)
+    certain, _ = proves(remainder, condition.WIDTH, before, after)
     number = np.arange(condition.NODES).reshape(condition.SEGMENTS, -1, 1)
     fields = [
         jnp.arange(rows, dtype=dtype),
@@ -177,27 +181,24 @@ def _step(arm: Arm, columns: jax.Array, state: _State) -> _State:
         remainder_bound(arm, circle, found, t, Lane(reach)), by=Lane(f_middle)
     ).array
     touching = jnp.abs(f_middle) < SQUARE_ROOT_END
-    swing = arm.radius * 2.0 * reach
     crossing = jnp.zeros_like(live)
     if arm.is_planar:
-        distance = lanes.store(found.from_axis_1 + swing)
+        distance = lanes.store(found.from_axis_1 + arm.radius * 2.0 * reach)
         crossing = jnp.asarray(distance < CROSSING.of(dtype) * arm.radius)
-    # The direction of a short vector from axis 1 to the wrist is known less well.
-    nearest = lanes.maximum(found.from_axis_1 - swing, CROSSING.of(dtype) * arm.radius)
-    rounding = lanes.store(lanes.maximum(NEAR_AXIS_1 / nearest, 1.0)).array
-    rounding = rounding * CONDITION_ROUNDING.of(dtype)
 
     halves, certain, roots = list[jax.Array](), list[jax.Array](), list[jax.Array]()
     for a, b, f_a, f_b in ((low, middle, f_low, f_middle), (middle, high, f_middle, f_high)):
         change = (f_a > 0) != (f_b > 0)
-        proved, sag = proves(remainder, rounding, reach, f_a, f_b)
-        narrow = (sag + reach * reach * 1e-2 < rounding) | (reach < NARROWEST.of(dtype))
-        kind = jnp.where(crossing, _CROSSING, jnp.where(proved, _BRACKET, TOUCHING))
-        halves.append(jnp.stack([pose, branch + 4 * kind.astype(dtype), a, b, f_a, f_b], -1))
-        roots.append(live & ~crossing & jnp.where(proved, change, narrow & touching))
+        proved, sag = proves(remainder, reach, f_a, f_b)
+        flat = sag + reach * reach * 1e-2 < CONDITION_ROUNDING.of(dtype)
+        narrow = flat | (reach < NARROWEST.of(dtype))
+        # Each half of a crossing stands for one of its two roots, on whatever branch it is met.
+        of_root = 2 * (branch // 2) + len(halves) + 4 * _CROSSING
+        code = branch + 4 * jnp.where(proved, BRACKET, TOUCHING).astype(dtype)
+        code = jnp.where(crossing, of_root, code)
+        halves.append(jnp.stack([pose, code, a, b, f_a, f_b], -1))
+        roots.append(live & (crossing | jnp.where(proved, change, narrow & touching)))
         certain.append(proved | narrow | crossing | ~live)
-    # Both halves of a crossing hold the same roots.
-    roots[0] = roots[0] | (live & crossing)
     if not arm.is_planar:
         nowhere = live & _is_infeasible(arm, found, t, circle, reach)
         roots = [root & ~nowhere for root in roots]

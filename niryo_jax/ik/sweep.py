@@ -23,7 +23,6 @@ from niryo_jax.ik.solutions import Singularity
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.tolerances import (
     CLOSED_FORM,
-    CONDITION_ROUNDING,
     SAME_SOLUTION,
     SECANT,
     SINGULAR_ANGLE,
@@ -79,8 +78,7 @@ def _brackets(f: jax.Array, remainder: jax.Array) -> tuple[jax.Array, _Brackets]
     """Whether two roots at most are proved for each branch, and the first and last sign change."""
     before, after = f[..., :-1, :], f[..., 1:, :]
     change = (before > 0) != (after > 0)
-    rounding = CONDITION_ROUNDING.of(f.dtype)
-    sure, _ = proves(remainder, rounding, condition.WIDTH, before, after)
+    sure, _ = proves(remainder, condition.WIDTH, before, after)
     count = jnp.sum(change, axis=(1, 2), dtype=jnp.int32)
     proved = jnp.all(sure, axis=(0, 1, 2)) & jnp.all(count <= 2, axis=0)
     number = jnp.arange(condition.NODES, dtype=jnp.int32).reshape(change.shape[1], -1, 1)

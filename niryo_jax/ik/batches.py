@@ -1,0 +1,58 @@
+"""How batches of any size become few programs of bounded memory."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+
+from niryo_jax.ik.solutions import IKSolutions
+from niryo_jax.robot import is_concrete
+
+BLOCK = 256
+"""So many poses at a time stay in the cache of a core."""
+
+_SMALL = 16
+_CHUNK_ON_ACCELERATOR = 4096
+
+
+def program_size(size: int) -> int:
+    """The batch size to compile for: few different ones, at most a quarter more than asked."""
+    if size <= _SMALL:
+        return _SMALL
+    if size <= BLOCK:
+        return BLOCK
+    blocks = -(-size // BLOCK)
+    step = 1 << max(0, blocks.bit_length() - 3)
+    return -(-blocks // step) * step * BLOCK
+
+
+def in_chunks(solve: Callable[[jax.Array], IKSolutions], pose: jax.Array) -> IKSolutions:
+    """`solve` of poses (..., 4, 4), which it gets as (chunk, 4, 4), so many at a time.
+
+    Memory stays bounded, and few different shapes are compiled, each of which is a program.
+    """
+    batch = pose.shape[:-2]
+    size = math.prod(batch)
+    most = BLOCK if jax.default_backend() == "cpu" else _CHUNK_ON_ACCELERATOR
+    chunk = min(most, _SMALL if size <= _SMALL else max(BLOCK, 1 << (size - 1).bit_length()))
+    chunks = max(1, -(-size // chunk))
+    flat = jnp.pad(pose.reshape(size, 4, 4), ((0, chunks * chunk - size), (0, 0), (0, 0)))
+    parts = flat.reshape(chunks, chunk, 4, 4)
+    if chunks > 1 and not is_concrete(parts):
+        answer = jax.lax.map(solve, parts)
+        limits = answer.lower[0], answer.upper[0]
+    else:
+        # On concrete poses, programs are shared by all robots whose zeros are in the same places.
+        answers = [solve(part) for part in parts]
+        answer = jax.tree.map(lambda *x: jnp.stack(x), *answers)
+        limits = answers[0].lower, answers[0].upper
+
+    def to_batch(x: jax.Array) -> jax.Array:
+        last = x.shape[2:]
+        return x.reshape(chunks * chunk, *last)[:size].reshape(*batch, *last)
+
+    return dataclasses.replace(answer.map(to_batch), lower=limits[0], upper=limits[1])
