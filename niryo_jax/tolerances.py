@@ -84,7 +84,7 @@ offset-wrist arm, not its slope."""
 NARROWEST = ByDtype(1e-14, 1e-6)
 """An interval of the curve narrower than this (radians) is not halved again."""
 
-CROSSING = ByDtype(1e-7, 1e-4)
+ON_AXIS_1 = ByDtype(1e-7, 1e-4)
 """The wrist point is on axis 1 where it is nearer than this share of its circle's radius."""
 
 SQUARE_ROOT_END = 1e-4

@@ -36,6 +36,7 @@ from niryo_jax.ik.reduction import (
 from niryo_jax.ik.solutions import IKSolutions, Obstacle, Singularity
 from niryo_jax.ik.subdivide import (
     BRACKET,
+    CROSSING,
     SELF_MOTION,
     TOUCHING,
     Roots,
@@ -161,7 +162,10 @@ def _subdivide_chunk(
     solved = _joint_vectors(geometry, arm, columns, target, roots)
     q, position, rotation = _polish(geometry, target, solved, roots.pose)
     real = roots.pose < rows
-    good = real & (position < IK_POSITION.of(dtype)) & (rotation < IK_ROTATION.of(dtype))
+    # A crossing's roots are met many times over; where two of them merge, only the best are alike.
+    share = jnp.where(roots.kind == CROSSING, IK_POLISH.of(dtype) / IK_POSITION.of(dtype), 1.0)
+    good = real & (position < share * IK_POSITION.of(dtype))
+    good = good & (rotation < share * IK_ROTATION.of(dtype))
 
     # A root that is proved to be there and whose joint vector does not close is a solution lost.
     lost = real & ~good & (roots.kind == BRACKET)
@@ -277,11 +281,13 @@ def _grouped(owner: jax.Array, signature: jax.Array) -> jax.Array:
     bits = owner.shape[0].bit_length()
     levels = 1 << (31 - bits)
 
-    def sort(key: jax.Array) -> jax.Array:
-        return jnp.sort((key << bits) | number) & ((1 << bits) - 1)
+    def sort(order: jax.Array, key: jax.Array) -> jax.Array:
+        return order[jnp.sort((key[order] << bits) | number) & ((1 << bits) - 1)]
 
-    first = sort((signature * levels).astype(jnp.int32))
-    return first[sort(owner[first])]
+    # The number's second digit, its first, then the owner.
+    high = (signature * levels).astype(jnp.int32)
+    low = ((signature * levels - high) * levels).astype(jnp.int32)
+    return functools.reduce(sort, (low, high, owner), number)
 
 
 def _repeats(q: jax.Array, owner: jax.Array) -> jax.Array:

@@ -22,8 +22,8 @@ from niryo_jax.ik.reduction import Circle, Posture, crossing_posture, read_circl
 from niryo_jax.lanes import Lane
 from niryo_jax.tolerances import (
     CONDITION_ROUNDING,
-    CROSSING,
     NARROWEST,
+    ON_AXIS_1,
     SQUARE_ROOT_END,
     VANISHING,
 )
@@ -33,7 +33,7 @@ _DEPTH = 48
 _ITEMS = 8192
 _ROOTS, _MORE_ROOTS = 36, 512
 _REFINEMENTS = 9
-BRACKET, TOUCHING, _CROSSING, SELF_MOTION = 0, 1, 2, 3
+BRACKET, TOUCHING, CROSSING, SELF_MOTION = 0, 1, 2, 3
 
 
 class Roots(NamedTuple):
@@ -51,7 +51,7 @@ class Roots(NamedTuple):
 
     @property
     def kind(self) -> jax.Array:
-        """(r,) `BRACKET`, `TOUCHING`, or `SELF_MOTION`, or a place where the wrist is on axis 1."""
+        """(r,) `BRACKET`, `TOUCHING`, `CROSSING` (of axis 1), or `SELF_MOTION`."""
         return self.intervals[:, 1].astype(jnp.int32) // 4
 
 
@@ -107,7 +107,7 @@ def posture_of(arm: Arm, circle: Circle, intervals: jax.Array) -> Posture:
     if not arm.is_planar:
         return regular
     crossing = crossing_posture(arm, circle, found.sin_cos, *signs)
-    return regular.where(kind == _CROSSING, crossing).stored()
+    return regular.where(kind == CROSSING, crossing).stored()
 
 
 def _give_up(state: _State, rows: int) -> tuple[jax.Array, jax.Array, jax.Array]:
@@ -184,7 +184,7 @@ def _step(arm: Arm, columns: jax.Array, state: _State) -> _State:
     crossing = jnp.zeros_like(live)
     if arm.is_planar:
         distance = lanes.store(found.from_axis_1 + arm.radius * 2.0 * reach)
-        crossing = jnp.asarray(distance < CROSSING.of(dtype) * arm.radius)
+        crossing = jnp.asarray(distance < ON_AXIS_1.of(dtype) * arm.radius)
 
     halves, certain, roots = list[jax.Array](), list[jax.Array](), list[jax.Array]()
     for a, b, f_a, f_b in ((low, middle, f_low, f_middle), (middle, high, f_middle, f_high)):
@@ -193,7 +193,7 @@ def _step(arm: Arm, columns: jax.Array, state: _State) -> _State:
         flat = sag + reach * reach * 1e-2 < CONDITION_ROUNDING.of(dtype)
         narrow = flat | (reach < NARROWEST.of(dtype))
         # Each half of a crossing stands for one of its two roots, on whatever branch it is met.
-        of_root = 2 * (branch // 2) + len(halves) + 4 * _CROSSING
+        of_root = 2 * (branch // 2) + len(halves) + 4 * CROSSING
         code = branch + 4 * jnp.where(proved, BRACKET, TOUCHING).astype(dtype)
         code = jnp.where(crossing, of_root, code)
         halves.append(jnp.stack([pose, code, a, b, f_a, f_b], -1))
