@@ -25,6 +25,11 @@ CLOSES = {np.float64: 1e-12, np.float32: 1e-6}
 SAME = 1e-6
 """Two answers closer than this in every joint, modulo 2 pi, are duplicates."""
 
+UNPROVED = 1e-3
+"""The share of poses of a hard set for which the answer may say that it is not complete: within
+1e-9 m of axis 1 and at once within 1e-8 of a double root, solutions are a continuum to rounding.
+Everywhere else it says that it is, and is."""
+
 LIMIT = 1e-9
 """A joint beyond its limit by less than this is at its limit."""
 
@@ -35,11 +40,12 @@ Maker = Callable[[nj.Robot, np.random.Generator], np.ndarray]
 class Case:
     """One robot, one set of poses, the judge's solutions and the solver's.
 
-    `q` are the joint vectors (n, 6) that made the poses (n, 4, 4), or None; `answer` holds the
+    `kind` is the name of the set; `q` are the joint vectors (n, 6) that made the poses (n, 4, 4), or None; `answer` holds the
     fields of `IKSolutions` as numpy arrays.
     """
 
     name: str
+    kind: str
     full: bool
     arm: nj.Robot
     q: np.ndarray | None
@@ -59,7 +65,10 @@ def answers(arm: nj.Robot, poses: np.ndarray) -> dict[str, np.ndarray]:
     block = 256 if len(poses) <= 1024 else 2048
     padded = np.concatenate([poses, np.broadcast_to(poses[:1], (-len(poses) % block, 4, 4))])
     parts = [nj.inverse_kinematics(arm, part) for part in np.split(padded, len(padded) // block)]
-    names = ("q", "found", "within_limits", "status", "count", "position_error", "rotation_error")
+    names = (
+        *("q", "found", "within_limits", "status", "count"),
+        *("position_error", "rotation_error", "complete"),
+    )
     return {
         name: np.concatenate([np.asarray(getattr(part, name)) for part in parts])[: len(poses)]
         for name in names
@@ -121,7 +130,7 @@ def case(request: Any) -> Case:
     q = make(arm, np.random.default_rng(seed))
     poses = sets.poses_of(arm, q)
     truth = sets.solve(arm, poses, starts=12 if scale == "full" else 6)
-    return Case(f"{name} {kind}", scale == "full", arm, q, poses, truth, answers(arm, poses))
+    return Case(f"{name} {kind}", kind, scale == "full", arm, q, poses, truth, answers(arm, poses))
 
 
 # Comparing sets of solutions.
@@ -220,7 +229,16 @@ def test_every_solution_is_found(case, capsys):
         f" ({1 - missed.sum() / total:.4%}); complete on {1 - missed.any(axis=1).mean():.4%};"
         f" poses by number of solutions { {int(k): int(v) for k, v in histogram.items()} }",
     )
-    assert not missed.any(), listing(case, missed, known.q)
+    if missed.any():
+        case.say(capsys, "missed: " + listing(case, missed, known.q))
+    proved = answer["complete"][:, None]
+    assert not (missed & proved).any(), listing(case, missed & proved, known.q)
+
+
+def test_nearly_every_answer_is_proved_complete(case, capsys):
+    share = np.mean(~case.answer["complete"])
+    case.say(capsys, f"{share:.4%} of the answers are not proved complete")
+    assert share <= (UNPROVED if case.kind in sets.HARD else 0.0)
 
 
 def test_the_judge_knows_every_answer(case, capsys):
@@ -230,7 +248,8 @@ def test_the_judge_knows_every_answer(case, capsys):
         distance = judge.apart(answer["q"], known.q[:, slot, None])
         near = distance / allowed(known.singular[:, slot, None])
         gap = np.where(known.found[:, slot, None], np.minimum(gap, near), gap)
-    unknown = answer["found"] & ~(gap < 1)
+    # Where solutions are a continuum the judge holds a few of them.
+    unknown = answer["found"] & ~(gap < 1) & answer["complete"][:, None]
     case.say(capsys, f"{unknown.sum()} answers unknown to the judge")
     assert not unknown.any(), listing(case, unknown, answer["q"])
 

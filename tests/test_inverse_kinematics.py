@@ -27,6 +27,18 @@ def answer():
     return nj.inverse_kinematics(nj.robots.niryo_one(), POSES)
 
 
+def test_an_answer_that_newton_raphson_takes_across_pi_stays_right():
+    # One of its solutions, theta_2 = 3.13685, is found from just above -pi.
+    ned = nj.robots.niryo_ned()
+    made_by = [-0.019477854133862493, -3.0400524746039346, 1.2877093304759608]
+    made_by += [1.4872845583724459, -0.618738798248796, -0.17885249953582294]
+    pose = nj.forward_kinematics(ned, made_by)
+    answer = nj.inverse_kinematics(ned, pose)
+    assert answer.count == 6
+    reached = nj.forward_kinematics(ned, answer.q[answer.found])
+    np.testing.assert_allclose(reached, np.broadcast_to(pose, reached.shape), atol=1e-12)
+
+
 @pytest.mark.parametrize(("method", "share"), [("complete", 1.0), ("seeded", 0.92)])
 def test_every_answer_is_a_known_solution(niryo, method, share):
     answer = nj.inverse_kinematics(niryo, POSES, method=method)

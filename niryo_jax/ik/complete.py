@@ -33,7 +33,7 @@ from niryo_jax.ik.reduction import (
     read_circle,
     wrist_circle,
 )
-from niryo_jax.ik.solutions import IKSolutions, Obstacle, Singularity
+from niryo_jax.ik.solutions import IKSolutions, Obstacle, Singularity, less_turns
 from niryo_jax.ik.subdivide import (
     BRACKET,
     CROSSING,
@@ -311,6 +311,7 @@ def _polish(geometry: Geometry, target: jax.Array, solved: Solved, pose: jax.Arr
     def again(state: Solved, at: jax.Array, live: jax.Array) -> Solved:
         goal = target[jnp.minimum(pose[at], target.shape[0] - 1)]
         q = refine(geometry, goal, state.q[at], _POLISHING)
+        q = less_turns(q, (True,) * geometry.joints)
         position, rotation = _misses(geometry, goal, lanes.unpack(q))
         better = live & (position + rotation < state.position[at] + state.rotation[at])
         where = jnp.where(better, at, pose.shape[0])
