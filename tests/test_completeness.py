@@ -40,8 +40,8 @@ Maker = Callable[[nj.Robot, np.random.Generator], np.ndarray]
 class Case:
     """One robot, one set of poses, the judge's solutions and the solver's.
 
-    `kind` is the name of the set; `q` are the joint vectors (n, 6) that made the poses (n, 4, 4), or None; `answer` holds the
-    fields of `IKSolutions` as numpy arrays.
+    `kind` is the name of the set; `q` are the joint vectors (n, 6) that made the poses (n, 4, 4),
+    or None; `answer` holds the fields of `IKSolutions` as numpy arrays.
     """
 
     name: str
@@ -329,7 +329,7 @@ def test_float32_finds_nearly_all_and_nothing_spurious(scale, name, capsys):
     poses = sets.poses_of(arm, q)
     rounded = poses.astype(np.float32)
     truth, answer = sets.solve(arm, poses), answers(arm, rounded)
-    case = Case(f"{name} float32", scale == "full", arm, q, poses, truth, answer)
+    case = Case(f"{name} float32", "float32", scale == "full", arm, q, poses, truth, answer)
     assert answer["q"].dtype == np.float32
     assert np.all(np.isfinite(answer["q"]))
     gap = gaps(answer["q"].astype(float), answer["found"], truth.q)
@@ -382,7 +382,7 @@ def test_poses_anywhere_are_solved_or_refused_rightly(scale, name, capsys):
     arm = sets.robot(name)
     poses = sets.anywhere(arm, 5000 if scale == "full" else 200, np.random.default_rng(13))
     truth, answer = sets.solve(arm, poses), answers(arm, poses)
-    case = Case(f"{name} anywhere", scale == "full", arm, None, poses, truth, answer)
+    case = Case(f"{name} anywhere", "anywhere", scale == "full", arm, None, poses, truth, answer)
     gap = gaps(answer["q"], answer["found"], truth.q)
     missed = truth.found & ~(gap < allowed(truth.singular))
     reachable = truth.found.any(axis=1)
