@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,22 +19,36 @@ ROBOT = nj.robots.niryo_one()
 SCALES = [pytest.param(512, id="small"), pytest.param(1024, marks=pytest.mark.completeness)]
 
 
-@jax.jit
-def solve(screws, pose):
-    """All joint vectors (k, 16, 6), which are found, and which of them are singular."""
-    robot = dataclasses.replace(ROBOT, screws=screws)
-    answer = nj.inverse_kinematics(robot, pose)
-    return answer.q, answer.found, answer.singularity
+class Solved(NamedTuple):
+    """All joint vectors (k, 16, 6), which are found, which are singular, and derivatives."""
+
+    q: np.ndarray
+    found: np.ndarray
+    singular: np.ndarray
+    rate: np.ndarray
+    screws_bar: np.ndarray
+    pose_bar: np.ndarray
 
 
 @jax.jit
-def rates(screws, pose, screws_rate, pose_rate):
-    return jax.jvp(lambda *x: solve(*x)[0], (screws, pose), (screws_rate, pose_rate))[1]
+def _solve(screws, pose, screws_rate, pose_rate, weights):
+    # Forward and reverse mode of one program: the solver is compiled once.
+    def answers(screws, pose):
+        answer = nj.inverse_kinematics(dataclasses.replace(ROBOT, screws=screws), pose)
+        return answer.q, (answer.found, answer.singularity)
+
+    q, rates, (found, singular) = jax.linearize(answers, screws, pose, has_aux=True)
+    pull_back = jax.linear_transpose(rates, screws, pose)
+    return Solved(q, found, singular, rates(screws_rate, pose_rate), *pull_back(weights))
 
 
-@jax.jit
-def pulled_back(screws, pose, weights):
-    return jax.vjp(lambda *x: solve(*x)[0], screws, pose)[1](weights)
+def solve(screws, pose, screws_rate=None, pose_rate=None, weights=None) -> Solved:
+    """The solutions, their rate for rates of screws and pose, and `weights` pulled back."""
+    screws, pose = jnp.asarray(screws), jnp.asarray(pose)
+    screws_rate = jnp.zeros_like(screws) if screws_rate is None else jnp.asarray(screws_rate)
+    pose_rate = jnp.zeros_like(pose) if pose_rate is None else jnp.asarray(pose_rate)
+    weights = jnp.ones((len(pose), 16, 6)) if weights is None else jnp.asarray(weights)
+    return Solved(*map(np.asarray, _solve(screws, pose, screws_rate, pose_rate, weights)))
 
 
 def random_rates(rng, pose):
@@ -69,15 +84,14 @@ def test_rates_by_pose_and_geometry_are_those_of_finite_differences(rng, size):
     q = rng.uniform(ROBOT.lower, ROBOT.upper, (size, 6))
     pose = nj.forward_kinematics(ROBOT, q)
     screws_rate, pose_rate, turn, twist = random_rates(rng, pose)
-    screws = jnp.asarray(ROBOT.screws)
-    base, found, singular = map(np.asarray, solve(screws, pose))
-    rate = np.asarray(rates(screws, pose, jnp.asarray(screws_rate), jnp.asarray(pose_rate)))
-    assert not singular[found].any()
+    weights = rng.standard_normal((size, 16, 6))
+    base = solve(ROBOT.screws, pose, screws_rate, pose_rate, weights)
+    found, rate = base.found, base.rate
+    assert not base.singular[found].any()
     np.testing.assert_array_equal(rate[~found], 0.0)
     step = 2e-6
     sides = [
-        matched(base, *map(np.asarray, solve(*moved(turn, twist, pose, s * step))[:2]))
-        for s in (-2, -1, 1, 2)
+        matched(base.q, solve(*moved(turn, twist, pose, s * step)).q, found) for s in (-2, -1, 1, 2)
     ]
     expected = (8 * (sides[2] - sides[1]) - (sides[3] - sides[0])) / (12 * step)
     error = np.abs(rate - expected).max(-1) / (1 + np.abs(rate).max(-1))
@@ -86,10 +100,8 @@ def test_rates_by_pose_and_geometry_are_those_of_finite_differences(rng, size):
     assert regular.sum() > 0.7 * found.sum()
     assert error[regular].max() < 1e-6
 
-    weights = jnp.asarray(rng.standard_normal(base.shape))
-    screws_bar, pose_bar = pulled_back(screws, pose, weights)
-    forward = float(jnp.sum(weights * rate))
-    backward = float(jnp.sum(screws_bar * screws_rate) + jnp.sum(pose_bar * pose_rate))
+    forward = np.sum(weights * rate)
+    backward = np.sum(base.screws_bar * screws_rate) + np.sum(base.pose_bar * pose_rate)
     assert backward == pytest.approx(forward, rel=1e-9)
 
 
@@ -101,11 +113,14 @@ def test_second_derivatives(rng):
         q = nj.inverse_kinematics(ROBOT, pose @ nj.se3.exp(x @ twist)).q
         return jnp.sum(jnp.sin(q[:4]) ** 2)
 
-    zero = jnp.zeros(2)
-    hessian = jax.jit(jax.hessian(height))(zero)
-    gradient = jax.jit(jax.grad(height))
+    def gradient(x):
+        slope = jax.grad(height)(x)
+        return slope, slope
+
+    both = jax.jit(jax.jacfwd(gradient, has_aux=True))
+    hessian, _ = both(jnp.zeros(2))
     step = 1e-5 * jnp.eye(2)
-    expected = jnp.stack([(gradient(e) - gradient(-e)) / 2e-5 for e in step])
+    expected = jnp.stack([(both(e)[1] - both(-e)[1]) / 2e-5 for e in step])
     # Differences of gradients are right to a share of the largest entry, not of each.
     scale = float(jnp.max(jnp.abs(hessian)))
     np.testing.assert_allclose(hessian, expected, rtol=1e-6, atol=1e-8 * scale)
@@ -118,12 +133,8 @@ def test_nothing_is_nan_at_singularities(rng, name):
     q = np.concatenate([q, q[: 512 - len(q)]])[:512] if len(q) < 512 else q[:512]
     pose = nj.forward_kinematics(ROBOT, np.resize(q, (512, 6)))
     screws_rate, pose_rate, _, _ = random_rates(rng, pose)
-    screws = jnp.asarray(ROBOT.screws)
-    assert all(np.all(np.isfinite(x)) for x in solve(screws, pose))
-    rate = rates(screws, pose, jnp.asarray(screws_rate), jnp.asarray(pose_rate))
-    assert np.all(np.isfinite(rate))
-    back = pulled_back(screws, pose, jnp.ones((512, 16, 6)))
-    assert all(np.all(np.isfinite(x)) for x in back)
+    answer = solve(ROBOT.screws, pose, screws_rate, pose_rate)
+    assert all(np.all(np.isfinite(part)) for part in answer)
 
 
 def test_a_self_motion_is_told_and_its_direction_given():

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from niryo_jax import lanes
-from niryo_jax.ik.arm import Arm
 from niryo_jax.ik.solutions import SLOTS
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.tolerances import LIMIT_ROUNDING
@@ -36,14 +35,17 @@ class Slots(NamedTuple):
 
 
 def arrange(
-    arm: Arm,
     q: Lanes,
     found: jax.Array,
     errors: tuple[jax.Array, jax.Array],
+    label: jax.Array,
     singularity: jax.Array,
     limits: tuple[jax.Array, jax.Array],
 ) -> Slots:
-    """Order the candidates (slots first) of a batch into `SLOTS` slots."""
+    """Order the candidates (slots first) of a batch into `SLOTS` slots.
+
+    A `label` of `branch_label` that is met again counts as one more sheet: 8 is added to it.
+    """
     count, dtype = found.shape[0], errors[0].dtype
     rounding = LIMIT_ROUNDING.of(dtype)
     angles, margin = list[jax.Array](), jnp.full(found.shape, jnp.inf, dtype)
@@ -63,7 +65,6 @@ def arrange(
     # Counting pairs vectorises over the batch, where sorting does not.
     before = (worth > worth[:, None]) | ((worth == worth[:, None]) & earlier)
     rank = jnp.sum(before, axis=1, dtype=jnp.int32)
-    label = _labels(arm, q)
     alike = (label == label[:, None]) & found & earlier
     label = label + 8 * jnp.sum(alike, axis=1, dtype=jnp.int32)
     within = found & (margin >= -rounding)
@@ -90,17 +91,3 @@ def arrange(
         label=code % 256 - 1,
         singularity=code // 256 % 16,
     )
-
-
-def _labels(arm: Arm, q: Lanes) -> jax.Array:
-    """Shoulder (1), elbow (2) and wrist (4) of joint vectors, as the sum of what is positive."""
-    (sin_2, cos_2), (sin_3, cos_3) = lanes.sincos(q[1]), lanes.sincos(q[2])
-    cos_up, sin_up = arm.raised
-    cos_bent, sin_bent = arm.bent
-    cos_a, sin_a = cos_2 * cos_up - sin_2 * sin_up, sin_2 * cos_up + cos_2 * sin_up
-    turn = arm.turn_3 * sin_3
-    cos_e, sin_e = cos_3 * cos_bent - turn * sin_bent, turn * cos_bent + cos_3 * sin_bent
-    outward = arm.upper_arm * sin_a + arm.forearm * (sin_a * cos_e + cos_a * sin_e)
-    bits = [outward > 0.0, sin_e > 0.0, q[4] > 0.0]
-    shoulder, elbow, wrist = (lanes.select(bit, 1.0, 0.0) for bit in bits)
-    return lanes.store(shoulder + 2.0 * elbow + 4.0 * wrist, by=outward).array.astype(jnp.int32)

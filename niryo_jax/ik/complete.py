@@ -27,6 +27,7 @@ from niryo_jax.ik.implicit import implicit_rate, zero_tangent
 from niryo_jax.ik.newton import refine
 from niryo_jax.ik.reduction import (
     Circle,
+    branch_label,
     circle_columns,
     is_out_of_reach,
     joint_angles,
@@ -138,7 +139,14 @@ def _sweep_block(
     close = (position < IK_POSITION.of(dtype)) & (rotation < IK_ROTATION.of(dtype))
     possible = candidates.exists & (valid & (reach == 0))
     found = possible & close
-    slots = arrange(arm, candidates.q, found, (position, rotation), candidates.singularity, limits)
+    slots = arrange(
+        candidates.q,
+        found,
+        (position, rotation),
+        candidates.label,
+        candidates.singularity,
+        limits,
+    )
     proved = (reach > 0) | (candidates.proved & ~jnp.any(possible & ~close, axis=0))
     return Answer(slots, reach, proved), valid & ~proved
 
@@ -159,8 +167,10 @@ def _subdivide_chunk(
     reach = _reach(circle, rows, dtype)
     columns = lanes.pack(circle_columns(circle), (rows,), dtype)
     roots = find_roots(arm, columns, live & (reach == 0))
-    solved = _joint_vectors(geometry, arm, columns, target, roots)
-    q, position, rotation = _polish(geometry, target, solved, roots.pose)
+    solved = _polish(
+        geometry, target, _joint_vectors(geometry, arm, columns, target, roots), roots.pose
+    )
+    q, position, rotation = solved.q, solved.position, solved.rotation
     real = roots.pose < rows
     # A crossing's roots are met many times over; where two of them merge, only the best are alike.
     share = jnp.where(roots.kind == CROSSING, IK_POLISH.of(dtype) / IK_POSITION.of(dtype), 1.0)
@@ -195,7 +205,7 @@ def _subdivide_chunk(
         jnp.int32(Singularity.NONE),
     )
     errors = position[taken], rotation[taken]
-    slots = arrange(arm, candidates, found, errors, singularity, limits)
+    slots = arrange(candidates, found, errors, solved.label[taken], singularity, limits)
     proved = (reach > 0) | (roots.complete & ~crowded & ~incomplete)
     return Answer(slots, reach, proved)
 
@@ -211,22 +221,25 @@ def _polish_chunk(
     pose = jnp.where(candidates.exists & live, jnp.arange(rows), rows).reshape(-1)
     q = jnp.stack([lane.array.reshape(-1) for lane in candidates.q], axis=-1)
     goal = jnp.broadcast_to(target, (slots, rows, 4, 4)).reshape(-1, 4, 4)
-    solved = _polish(geometry, target, Solved(q, *_misses(geometry, goal, lanes.unpack(q))), pose)
-    q, position, rotation = (x.reshape(slots, rows, *x.shape[1:]) for x in solved)
+    label = candidates.label.reshape(-1)
+    solved = Solved(q, *_misses(geometry, goal, lanes.unpack(q)), label)
+    solved = _polish(geometry, target, solved, pose)
+    q, position, rotation, label = (x.reshape(slots, rows, *x.shape[1:]) for x in solved)
     found = (pose < rows).reshape(slots, rows)
     found = found & (position < IK_POSITION.of(dtype)) & (rotation < IK_ROTATION.of(dtype))
     errors = position, rotation
-    arranged = arrange(arm, lanes.unpack(q), found, errors, candidates.singularity, limits)
+    arranged = arrange(lanes.unpack(q), found, errors, label, candidates.singularity, limits)
     proved = ~jnp.any(candidates.exists & ~found, axis=0)
     return Answer(arranged, _reach(circle, rows, dtype), proved)
 
 
 class Solved(NamedTuple):
-    """Joint vectors (r, n), and the metres and radians by which they miss."""
+    """Joint vectors (r, n), the metres and radians by which they miss, and their branches."""
 
     q: jax.Array
     position: jax.Array
     rotation: jax.Array
+    label: jax.Array
 
     def replace(self, where: jax.Array, new: Solved) -> Solved:
         """With the rows `where` replaced; rows out of range are left out."""
@@ -246,12 +259,14 @@ def _joint_vectors(
         q = lanes.map_lanes(lanes.store, joint_angles(arm, circle, found))
         misses = _misses(geometry, target[pose], q)
         where = jnp.where(live, at, places)
-        return state.replace(where, Solved(lanes.pack(q, at.shape, dtype), *misses))
+        label = branch_label(found, q[4])
+        return state.replace(where, Solved(lanes.pack(q, at.shape, dtype), *misses, label))
 
     nothing = jnp.zeros((places, geometry.joints), dtype)
     far = jnp.full(places, jnp.inf, dtype)
+    start = Solved(nothing, far, far, jnp.zeros(places, jnp.int32))
     filled = roots.pose < target.shape[0]
-    return for_each_chunk(filled, min(_AT_ONCE, places), some, Solved(nothing, far, far))
+    return for_each_chunk(filled, min(_AT_ONCE, places), some, start)
 
 
 def _goal(target: jax.Array) -> Lanes:
@@ -304,9 +319,9 @@ def _repeats(q: jax.Array, owner: jax.Array) -> jax.Array:
 
 def _polish(geometry: Geometry, target: jax.Array, solved: Solved, pose: jax.Array) -> Solved:
     """Newton's method on the full pose for the joint vectors that miss by more than rounding."""
-    q, position, rotation = solved
-    tolerance = IK_POLISH.of(q.dtype)
-    rough = (pose < target.shape[0]) & ((position > tolerance) | (rotation > tolerance))
+    tolerance = IK_POLISH.of(solved.q.dtype)
+    rough = (solved.position > tolerance) | (solved.rotation > tolerance)
+    rough = rough & (pose < target.shape[0])
 
     def again(state: Solved, at: jax.Array, live: jax.Array) -> Solved:
         goal = target[jnp.minimum(pose[at], target.shape[0] - 1)]
@@ -315,7 +330,7 @@ def _polish(geometry: Geometry, target: jax.Array, solved: Solved, pose: jax.Arr
         position, rotation = _misses(geometry, goal, lanes.unpack(q))
         better = live & (position + rotation < state.position[at] + state.rotation[at])
         where = jnp.where(better, at, pose.shape[0])
-        return state.replace(where, Solved(q, position, rotation))
+        return state.replace(where, Solved(q, position, rotation, state.label[at]))
 
     return for_each_chunk(rough, min(_POLISHED, pose.shape[0]), again, solved)
 

@@ -403,3 +403,11 @@ def joint_angles(arm: Arm, circle: Circle, found: Posture) -> Lanes:
 def is_out_of_reach(circle: Circle, rounding: float) -> tuple[Condition, Condition]:
     """Whether every point of the circle is too far from the shoulder, and whether too near."""
     return circle.excess > rounding, circle.shortfall > rounding
+
+
+def branch_label(found: Posture, theta_5: Lane) -> jax.Array:
+    """The branch of a posture: 1 where the wrist is ahead of the shoulder, that is on the side of
+    P2, plus 2 where the elbow angle is positive, plus 4 where theta_5 is."""
+    bits = [found.reach[1] > 0.0, found.elbow[1] > 0.0, theta_5 > 0.0]
+    ahead, bent, raised = (lanes.select(bit, 1.0, 0.0) for bit in bits)
+    return lanes.store(ahead + 2.0 * bent + 4.0 * raised, by=theta_5).array.astype(jnp.int32)

@@ -18,7 +18,13 @@ from niryo_jax import lanes
 from niryo_jax.ik import condition
 from niryo_jax.ik.arm import Arm
 from niryo_jax.ik.bounds import proves
-from niryo_jax.ik.reduction import Circle, Posture, joint_angles, spherical_posture
+from niryo_jax.ik.reduction import (
+    Circle,
+    Posture,
+    branch_label,
+    joint_angles,
+    spherical_posture,
+)
 from niryo_jax.ik.solutions import Singularity
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.tolerances import (
@@ -38,12 +44,14 @@ class Candidates(NamedTuple):
     Attributes:
         q: n lanes of shape (slots, batch).
         exists: (slots, batch) whether a slot holds a candidate.
+        label: (slots, batch) of `branch_label`.
         singularity: (slots, batch) a `Singularity`.
         proved: (batch,) whether the candidates are proved to be all there can be.
     """
 
     q: Lanes
     exists: jax.Array
+    label: jax.Array
     singularity: jax.Array
     proved: jax.Array
 
@@ -61,8 +69,8 @@ def sweep(arm: Arm, circle: Circle, batch: int, dtype: np.dtype) -> Candidates:
     """The candidates of a batch of poses, two for each branch."""
     # The scan asks for no more than the signs of f and a bound with an allowance for rounding.
     rough, rough_circle = arm.astype(np.float32), circle.astype(np.float32)
-    proved, found = _brackets(*condition.scan(rough, rough_circle, batch, np.float32))
-    exists, *ends = (x.reshape(8, batch) for x in found)
+    proved, brackets = _brackets(*condition.scan(rough, rough_circle, batch, np.float32))
+    exists, *ends = (x.reshape(8, batch) for x in brackets)
     signs = condition.branch_signs(jnp.tile(jnp.arange(4), 2)[:, None], np.float32)
     root = _secants(lambda t: condition.at(rough, rough_circle, signs, t).f, _start(*ends))
     root = _Root(*(x.astype(dtype) for x in root))
@@ -71,7 +79,8 @@ def sweep(arm: Arm, circle: Circle, batch: int, dtype: np.dtype) -> Candidates:
     found = condition.at(arm, circle, (elbow, shoulder), root.t).posture.stored()
     q = lanes.map_lanes(lanes.store, joint_angles(arm, circle, found))
     # What is proved here has simple roots.
-    return Candidates(q, exists, jnp.zeros((8, batch), jnp.int32), proved)
+    regular = jnp.zeros((8, batch), jnp.int32)
+    return Candidates(q, exists, branch_label(found, q[4]), regular, proved)
 
 
 def _brackets(f: jax.Array, remainder: jax.Array) -> tuple[jax.Array, _Brackets]:
@@ -145,7 +154,9 @@ def spherical(arm: Arm, circle: Circle, batch: int, dtype: np.dtype) -> Candidat
     exists = (miss < CLOSED_FORM.of(dtype)) & (found.inside >= 0.0)
     exists = jnp.broadcast_to(exists, (8, batch))
     exists = exists & ~_merged(q, batch, dtype)
-    return Candidates(q, exists, _singularity(arm, found, batch, dtype), jnp.ones(batch, bool))
+    label = jnp.broadcast_to(branch_label(found, q[4]), (8, batch))
+    singularity = _singularity(arm, found, batch, dtype)
+    return Candidates(q, exists, label, singularity, jnp.ones(batch, bool))
 
 
 def _singularity(arm: Arm, found: Posture, batch: int, dtype: np.dtype) -> jax.Array:
