@@ -31,3 +31,18 @@ def rng() -> np.random.Generator:
 def niryo() -> nj.Robot:
     """The Niryo One."""
     return nj.robots.niryo_one()
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Print the figures that tests recorded as property `figure`, from all workers."""
+    reports = [report for group in terminalreporter.stats.values() for report in group]
+    figures = [
+        text
+        for report in reports
+        if getattr(report, "when", None) == "call"
+        for name, text in report.user_properties
+        if name == "figure"
+    ]
+    if figures:
+        terminalreporter.section("figures")
+        terminalreporter.write_line("\n".join(figures))

@@ -53,11 +53,10 @@ class Case:
     truth: judge.Solutions
     answer: dict[str, np.ndarray]
 
-    def say(self, capsys: Any, text: str) -> None:
-        """Print a figure of a large run, whatever pytest captures."""
+    def say(self, record_property: Any, text: str) -> None:
+        """Keep a figure of a large run for the end of it."""
         if self.full:
-            with capsys.disabled():
-                print(f"\n{self.name}: {text}", end="")
+            record_property("figure", f"{self.name}: {text}")
 
 
 def answers(arm: nj.Robot, poses: np.ndarray) -> dict[str, np.ndarray]:
@@ -217,31 +216,31 @@ def rounding_of(q: np.ndarray) -> np.ndarray:
 # Laws of reachable poses.
 
 
-def test_every_solution_is_found(case, capsys):
+def test_every_solution_is_found(case, record_property):
     known, answer = case.truth, case.answer
     gap = gaps(answer["q"], answer["found"], known.q)
     missed = known.found & ~(gap < allowed(known.singular))
     total = known.found.sum()
     histogram = dict(zip(*np.unique(known.count, return_counts=True)))
     case.say(
-        capsys,
+        record_property,
         f"{total - missed.sum()} of {total} solutions of {len(case.poses)} poses found"
         f" ({1 - missed.sum() / total:.4%}); complete on {1 - missed.any(axis=1).mean():.4%};"
         f" poses by number of solutions { {int(k): int(v) for k, v in histogram.items()} }",
     )
     if missed.any():
-        case.say(capsys, "missed: " + listing(case, missed, known.q))
+        case.say(record_property, "missed: " + listing(case, missed, known.q))
     proved = answer["complete"][:, None]
     assert not (missed & proved).any(), listing(case, missed & proved, known.q)
 
 
-def test_nearly_every_answer_is_proved_complete(case, capsys):
+def test_nearly_every_answer_is_proved_complete(case, record_property):
     share = np.mean(~case.answer["complete"])
-    case.say(capsys, f"{share:.4%} of the answers are not proved complete")
+    case.say(record_property, f"{share:.4%} of the answers are not proved complete")
     assert share <= (UNPROVED if case.kind in sets.HARD else 0.0)
 
 
-def test_the_judge_knows_every_answer(case, capsys):
+def test_the_judge_knows_every_answer(case, record_property):
     known, answer = case.truth, case.answer
     gap = np.full(answer["found"].shape, np.inf)
     for slot in range(known.q.shape[1]):
@@ -250,28 +249,28 @@ def test_the_judge_knows_every_answer(case, capsys):
         gap = np.where(known.found[:, slot, None], np.minimum(gap, near), gap)
     # Where solutions are a continuum the judge holds a few of them.
     unknown = answer["found"] & ~(gap < 1) & answer["complete"][:, None]
-    case.say(capsys, f"{unknown.sum()} answers unknown to the judge")
+    case.say(record_property, f"{unknown.sum()} answers unknown to the judge")
     assert not unknown.any(), listing(case, unknown, answer["q"])
 
 
-def test_the_generating_joint_vector_is_found(case, capsys):
+def test_the_generating_joint_vector_is_found(case, record_property):
     # Within 1e-6. Solutions that may count as one lie where the least singular value is as small
     # as they are close; there, within that, or what rounding of the pose explains.
     gap = gaps(case.answer["q"], case.answer["found"], case.q[:, None])
     singular = least_singular(case.arm, case.q)
     tolerance = np.where(singular < judge.MERGE, allowed(singular), SAME)[:, None]
-    case.say(capsys, f"{np.sum(~(gap < tolerance))} generating joint vectors lost")
+    case.say(record_property, f"{np.sum(~(gap < tolerance))} generating joint vectors lost")
     regular = (tolerance <= SAME) & (gap < tolerance)
-    case.say(capsys, f"the others within {np.max(gap, where=regular, initial=0):.1e} rad")
+    case.say(record_property, f"the others within {np.max(gap, where=regular, initial=0):.1e} rad")
     assert np.all(gap < tolerance), listing(case, ~(gap < tolerance), case.q[:, None])
 
 
-def test_every_answer_closes(case, capsys):
+def test_every_answer_closes(case, record_property):
     row, slot = np.nonzero(case.answer["found"])
     q = case.answer["q"][row, slot]
     position, rotation = misses(case.arm, q, case.poses[row])
     worst = max(position.max(initial=0), rotation.max(initial=0))
-    case.say(capsys, f"{len(q)} answers, worst {worst:.1e} m or rad")
+    case.say(record_property, f"{len(q)} answers, worst {worst:.1e} m or rad")
     assert np.all(np.isfinite(position + rotation))
     assert worst < CLOSES[np.float64], what_is_near(case.arm, q[np.argmax(position + rotation)])
 
@@ -323,7 +322,7 @@ SCALES = [pytest.param("small"), pytest.param("full", marks=pytest.mark.complete
         *(pytest.param("full", name, marks=pytest.mark.completeness) for name in sets.NAMED),
     ],
 )
-def test_float32_finds_nearly_all_and_nothing_spurious(scale, name, capsys):
+def test_float32_finds_nearly_all_and_nothing_spurious(scale, name, record_property):
     arm = sets.robot(name)
     q = sets.in_limits(arm, 5000 if scale == "full" else 200, np.random.default_rng(11))
     poses = sets.poses_of(arm, q)
@@ -343,7 +342,7 @@ def test_float32_finds_nearly_all_and_nothing_spurious(scale, name, capsys):
     found = answer["q"][row, slot]
     position, rotation = misses(arm, found, target[row])
     case.say(
-        capsys,
+        record_property,
         f"{missed.sum()} of {truth.found.sum()} missed ({recall:.4%}); worst {position.max():.1e} m"
         f" and {rotation.max():.1e} rad",
     )
@@ -360,15 +359,14 @@ def test_float32_finds_nearly_all_and_nothing_spurious(scale, name, capsys):
 @pytest.mark.parametrize("kind", sets.UNREACHABLE)
 @pytest.mark.parametrize("name", sets.NAMED)
 @pytest.mark.parametrize("scale", SCALES)
-def test_what_cannot_be_reached_is_never_found(scale, name, kind, capsys):
+def test_what_cannot_be_reached_is_never_found(scale, name, kind, record_property):
     arm = sets.robot(name)
     n = 5000 if scale == "full" else 250
     poses = sets.UNREACHABLE[kind](arm, n, np.random.default_rng(12))
     answer = answers(arm, poses)
     share = np.mean(answer["status"] == IKStatus.UNREACHABLE)
     if scale == "full":
-        with capsys.disabled():
-            print(f"\n{name} {kind}: {share:.4%} of {n} told unreachable", end="")
+        record_property("figure", f"{name} {kind}: {share:.4%} of {n} told unreachable")
     assert not answer["found"].any()
     assert not answer["count"].any()
     np.testing.assert_array_equal(answer["q"], 0.0)
@@ -378,7 +376,7 @@ def test_what_cannot_be_reached_is_never_found(scale, name, kind, capsys):
 
 @pytest.mark.parametrize("name", ["niryo_one", "irb120", "all_at_once"])
 @pytest.mark.parametrize("scale", SCALES)
-def test_poses_anywhere_are_solved_or_refused_rightly(scale, name, capsys):
+def test_poses_anywhere_are_solved_or_refused_rightly(scale, name, record_property):
     arm = sets.robot(name)
     poses = sets.anywhere(arm, 5000 if scale == "full" else 200, np.random.default_rng(13))
     truth, answer = sets.solve(arm, poses), answers(arm, poses)
@@ -386,7 +384,10 @@ def test_poses_anywhere_are_solved_or_refused_rightly(scale, name, capsys):
     gap = gaps(answer["q"], answer["found"], truth.q)
     missed = truth.found & ~(gap < allowed(truth.singular))
     reachable = truth.found.any(axis=1)
-    case.say(capsys, f"{missed.sum()} of {truth.found.sum()} missed; {reachable.mean():.1%} reach")
+    case.say(
+        record_property,
+        f"{missed.sum()} of {truth.found.sum()} missed; {reachable.mean():.1%} reach",
+    )
     assert not missed.any(), listing(case, missed, truth.q)
     assert not np.any(answer["found"][~reachable])
     assert not np.any(answer["status"][reachable] == IKStatus.UNREACHABLE)
