@@ -64,6 +64,7 @@ _AT_ONCE = 2048
 _POLISHED = 128
 _POLISHING = 5
 _MOST = 16
+_NEARLY = 100.0
 
 
 class Answer(NamedTuple):
@@ -177,8 +178,11 @@ def _subdivide_chunk(
     good = real & (position < share * IK_POSITION.of(dtype))
     good = good & (rotation < share * IK_ROTATION.of(dtype))
 
-    # A root that is proved to be there and whose joint vector does not close is a solution lost.
-    lost = real & ~good & (roots.kind == BRACKET)
+    # A root that is proved to be there and whose joint vector does not close is a solution lost;
+    # one that touches zero to rounding and nearly closes may be.
+    near = position < _NEARLY * IK_POSITION.of(dtype)
+    near = near & (rotation < _NEARLY * IK_ROTATION.of(dtype))
+    lost = real & ~good & ((roots.kind == BRACKET) | ((roots.kind == TOUCHING) & near))
     incomplete = jnp.zeros(rows, bool).at[jnp.where(lost, roots.pose, rows)].set(True, mode="drop")
 
     # Sorted by pose and by a number that equal joint vectors share, so that they are neighbours.
