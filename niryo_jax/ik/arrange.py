@@ -60,6 +60,8 @@ def arrange(
         angles.append(angle)
         margin = jnp.minimum(margin, jnp.minimum(angle - lower, upper - angle))
     worth = lanes.store(Lane(jnp.where(found, margin, -jnp.inf)), by=Lane(angles[0])).array
+    # Read off a number that is kept, rather than computed again for every pair.
+    found = worth > -jnp.inf
     number = jnp.arange(count)[:, None]
     earlier = number < number[:, None]
     # Counting pairs vectorises over the batch, where sorting does not.
