@@ -38,7 +38,7 @@ def in_chunks(solve: Callable[[jax.Array], IKSolutions], pose: jax.Array) -> IKS
     batch = pose.shape[:-2]
     size = math.prod(batch)
     most = BLOCK if jax.default_backend() == "cpu" else _CHUNK_ON_ACCELERATOR
-    chunk = min(most, _SMALL if size <= _SMALL else max(BLOCK, 1 << (size - 1).bit_length()))
+    chunk = min(most, program_size(size))
     chunks = max(1, -(-size // chunk))
     flat = jnp.pad(pose.reshape(size, 4, 4), ((0, chunks * chunk - size), (0, 0), (0, 0)))
     parts = flat.reshape(chunks, chunk, 4, 4)

@@ -137,7 +137,7 @@ def _sweep_block(
     find = spherical if arm.is_spherical else sweep
     candidates = find(arm, circle, batch, dtype)
     position, rotation = _misses(geometry, target, candidates.q)
-    close = (position < IK_POSITION.of(dtype)) & (rotation < IK_ROTATION.of(dtype))
+    close = _closes(position, rotation)
     possible = candidates.exists & (valid & (reach == 0))
     found = possible & close
     slots = arrange(
@@ -175,13 +175,11 @@ def _subdivide_chunk(
     real = roots.pose < rows
     # A crossing's roots are met many times over; where two of them merge, only the best are alike.
     share = jnp.where(roots.kind == CROSSING, IK_POLISH.of(dtype) / IK_POSITION.of(dtype), 1.0)
-    good = real & (position < share * IK_POSITION.of(dtype))
-    good = good & (rotation < share * IK_ROTATION.of(dtype))
+    good = real & _closes(position, rotation, share)
 
     # A root that is proved to be there and whose joint vector does not close is a solution lost;
     # one that touches zero to rounding and nearly closes may be.
-    near = position < _NEARLY * IK_POSITION.of(dtype)
-    near = near & (rotation < _NEARLY * IK_ROTATION.of(dtype))
+    near = _closes(position, rotation, _NEARLY)
     lost = real & ~good & ((roots.kind == BRACKET) | ((roots.kind == TOUCHING) & near))
     incomplete = jnp.zeros(rows, bool).at[jnp.where(lost, roots.pose, rows)].set(True, mode="drop")
 
@@ -229,8 +227,7 @@ def _polish_chunk(
     solved = Solved(q, *_misses(geometry, goal, lanes.unpack(q)), label)
     solved = _polish(geometry, target, solved, pose)
     q, position, rotation, label = (x.reshape(slots, rows, *x.shape[1:]) for x in solved)
-    found = (pose < rows).reshape(slots, rows)
-    found = found & (position < IK_POSITION.of(dtype)) & (rotation < IK_ROTATION.of(dtype))
+    found = (pose < rows).reshape(slots, rows) & _closes(position, rotation)
     errors = position, rotation
     arranged = arrange(lanes.unpack(q), found, errors, label, candidates.singularity, limits)
     proved = ~jnp.any(candidates.exists & ~found, axis=0)
@@ -283,6 +280,12 @@ def _misses(geometry: Geometry, target: jax.Array, q: Lanes) -> tuple[jax.Array,
     return lanes.store(position).array, lanes.store(rotation).array
 
 
+def _closes(position: jax.Array, rotation: jax.Array, share: jax.Array | float = 1.0) -> jax.Array:
+    """Whether misses are within that share of what a solution may miss by."""
+    dtype = position.dtype
+    return (position < share * IK_POSITION.of(dtype)) & (rotation < share * IK_ROTATION.of(dtype))
+
+
 def _signature(q: jax.Array) -> jax.Array:
     """A number between 0 and 1/2 for joint vectors (r, n), the same for whole turns."""
     total = jnp.zeros(q.shape[0], q.dtype)
@@ -295,7 +298,7 @@ def _signature(q: jax.Array) -> jax.Array:
 def _grouped(owner: jax.Array, signature: jax.Array) -> jax.Array:
     """An order of the rows by owner, and for each by a number between 0 and 1/2."""
     # XLA on the CPU sorts lone integers ten times faster than floats or pairs: each row's number
-    # goes with its key, and the second sort keeps what the first has ordered.
+    # goes with its key, so that a sort keeps what those before it have ordered.
     number = jnp.arange(owner.shape[0], dtype=jnp.int32)
     bits = owner.shape[0].bit_length()
     levels = 1 << (31 - bits)
