@@ -113,7 +113,7 @@ def link_motions(geometry: Geometry, q: Lanes, *, stored: bool = False) -> list[
         if motions:
             motion = compose(motions[-1], motion)
         if stored:
-            rotation, position = (lanes.map_lanes(lanes.store, part) for part in motion)
+            rotation, position = (lanes.stored(part) for part in motion)
             motion = rotation, position
         motions.append(motion)
     return motions

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 
 import hypothesis
 import jax
@@ -14,12 +15,21 @@ import niryo_jax as nj
 jax.config.update("jax_enable_x64", True)  # float32 is tested through float32 inputs
 if cache := os.environ.get("JAX_COMPILATION_CACHE_DIR"):
     jax.config.update("jax_compilation_cache_dir", cache)
-    # Only what is worth it: jaxlib has crashed while it wrote one of the many small programs.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 1.0)
 
 hypothesis.settings.register_profile("local", deadline=None, max_examples=60)
 hypothesis.settings.register_profile("ci", deadline=None, max_examples=60, derandomize=True)
 hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "local")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _forget_programs() -> Iterator[None]:
+    """Release the programs of each module: a process may map no more than 65,530 pieces of memory.
+
+    Where a process has reached that limit of Linux, jaxlib crashes.
+    """
+    yield
+    jax.clear_caches()
 
 
 @pytest.fixture

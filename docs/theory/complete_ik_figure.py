@@ -19,7 +19,8 @@ import niryo_jax as nj
 from niryo_jax import lanes
 from niryo_jax.ik.arm import Arm, arm_from
 from niryo_jax.ik.bounds import proves, remainder_bound
-from niryo_jax.ik.reduction import Circle, posture, wrist_circle
+from niryo_jax.ik.circle import Circle, wrist_circle
+from niryo_jax.ik.posture import posture
 from niryo_jax.lanes import Lane
 from niryo_jax.offset_wrist import arm_numbers
 

@@ -34,13 +34,31 @@ class Slots(NamedTuple):
     singularity: jax.Array
 
 
+class Answer(NamedTuple):
+    """What the solver says of a batch of poses.
+
+    Attributes:
+        slots: the solutions.
+        reach: (batch,) an `Obstacle`: whether every point of the wrist's circle is too far or near.
+        proved: (batch,) whether the solutions are proved to be all.
+    """
+
+    slots: Slots
+    reach: jax.Array
+    proved: jax.Array
+
+
+Limits = tuple[jax.Array, jax.Array]
+"""Lower and upper (n,)."""
+
+
 def arrange(
     q: Lanes,
     found: jax.Array,
     errors: tuple[jax.Array, jax.Array],
     label: jax.Array,
     singularity: jax.Array,
-    limits: tuple[jax.Array, jax.Array],
+    limits: Limits,
 ) -> Slots:
     """Order the candidates (slots first) of a batch into `SLOTS` slots.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -56,3 +57,25 @@ def in_chunks(solve: Callable[[jax.Array], IKSolutions], pose: jax.Array) -> IKS
         return x.reshape(chunks * chunk, *last)[:size].reshape(*batch, *last)
 
     return dataclasses.replace(answer.map(to_batch), lower=limits[0], upper=limits[1])
+
+
+State = TypeVar("State")
+
+
+def for_each_chunk(
+    which: jax.Array,
+    chunk: int,
+    body: Callable[[State, jax.Array, jax.Array], State],
+    state: State,
+) -> State:
+    """Run `body(state, rows, live)` on the chosen rows, so many at a time."""
+    count = jnp.sum(which, dtype=jnp.int32)
+    order = jnp.nonzero(which, size=which.shape[0], fill_value=0)[0].astype(jnp.int32)
+    order = jnp.pad(order, (0, chunk))
+
+    def step(carry: tuple[jax.Array, State]) -> tuple[jax.Array, State]:
+        at, state = carry
+        rows = jax.lax.dynamic_slice_in_dim(order, at, chunk)
+        return at + chunk, body(state, rows, at + jnp.arange(chunk) < count)
+
+    return jax.lax.while_loop(lambda carry: carry[0] < count, step, (jnp.int32(0), state))[1]

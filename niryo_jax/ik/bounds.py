@@ -17,7 +17,8 @@ import jax.numpy as jnp
 
 from niryo_jax import lanes
 from niryo_jax.ik.arm import Arm
-from niryo_jax.ik.reduction import Circle, HalfAngle, Posture
+from niryo_jax.ik.circle import Circle, HalfAngle
+from niryo_jax.ik.posture import Posture
 from niryo_jax.lanes import Lane
 from niryo_jax.tolerances import CONDITION_ROUNDING
 

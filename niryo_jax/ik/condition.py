@@ -11,7 +11,8 @@ import numpy as np
 from niryo_jax import lanes
 from niryo_jax.ik.arm import Arm
 from niryo_jax.ik.bounds import remainder_bound
-from niryo_jax.ik.reduction import Circle, Posture, posture
+from niryo_jax.ik.circle import Circle
+from niryo_jax.ik.posture import Posture, posture
 from niryo_jax.lanes import Lane
 
 NODES = 16

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Literal
 
+import jax
 import numpy as np
 
 from niryo_jax import lanes
@@ -13,6 +14,7 @@ from niryo_jax.geometry import Geometry
 from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lie import se3
+from niryo_jax.tolerances import IK_POSITION, IK_ROTATION
 
 Frame = Literal["body", "space"]
 
@@ -24,7 +26,7 @@ def error_twist(
     (rotation, position), jacobian = pose_and_jacobian(geometry, q, frame, stored=True)
     goal_rotation, goal = se3.split(target)
     away = goal - position
-    turn = lanes.map_lanes(lanes.store, rotation.T @ goal_rotation)
+    turn = lanes.stored(rotation.T @ goal_rotation)
     twist = se3.log_lanes(turn, rotation.T @ away)
     if frame == "space":
         w, v = rotation @ twist[:3], rotation @ twist[3:]
@@ -32,19 +34,39 @@ def error_twist(
     return twist, jacobian, lanes.norm(away)
 
 
-def pose_errors(geometry: Geometry, target: Lanes, q: Lanes) -> tuple[Lane, Lane]:
-    """Metres and radians by which a joint vector that nearly reaches a target misses it."""
+def near_twist(geometry: Geometry, target: Lanes, q: Lanes) -> tuple[Lanes, Lanes]:
+    """The body twist from a tool that all but reaches its target, and the body Jacobian.
+
+    Half the difference of R and R^T stands for the logarithm of R: the two have the same derivative
+    at the identity.
+    """
+    (rotation, position), jacobian = pose_and_jacobian(geometry, q, "body", stored=True)
+    goal_rotation, goal = se3.split(target)
+    turn = lanes.vee(rotation.T @ goal_rotation)
+    return np.concatenate([turn, rotation.T @ (goal - position)]), jacobian
+
+
+def misses(geometry: Geometry, target: jax.Array, q: Lanes) -> tuple[jax.Array, jax.Array]:
+    """Metres and radians by which joint vectors that nearly reach (..., 4, 4) targets miss them."""
     motion: Motion | None = None
     for joint, angle in enumerate(q):
         step = joint_motion(geometry, joint, angle, stored=True)
         motion = step if motion is None else compose(motion, step)
         if joint == geometry.joints // 2:
             # Both errors need the whole chain; half of it is kept rather than computed twice.
-            rotation, position = (lanes.map_lanes(lanes.store, part) for part in motion)
+            rotation, position = (lanes.stored(part) for part in motion)
             motion = rotation, position
     home = se3.split(geometry.home)
     rotation, position = home if motion is None else compose(motion, home)
-    goal_rotation, goal = se3.split(target)
+    goal_rotation, goal = se3.split(lanes.columns(target, 2))
     away = (rotation - goal_rotation).ravel()
     # The Frobenius norm is 2 sqrt(2) sin(angle / 2): the angle itself where that matters.
-    return lanes.norm(position - goal), lanes.norm(away) * math.sqrt(0.5)
+    errors = lanes.norm(position - goal), lanes.norm(away) * math.sqrt(0.5)
+    metres, radians = (lanes.store(error).array for error in errors)
+    return metres, radians
+
+
+def closes(position: jax.Array, rotation: jax.Array, share: jax.Array | float = 1.0) -> jax.Array:
+    """Whether misses are within that share of what a solution may miss by."""
+    dtype = position.dtype
+    return (position < share * IK_POSITION.of(dtype)) & (rotation < share * IK_ROTATION.of(dtype))

@@ -1,7 +1,7 @@
 """Derivatives of inverse kinematics by the implicit function theorem: one rule for every solver.
 
-Along F(q, geometry, target) = log(T(q)^-1 target) = 0 the derivative of F with respect to q is
--J_b, so J_b dq = dF at fixed q. The rule differentiates again, hence derivatives of any order.
+Along F(q, geometry, target) = 0, the twist from tool to target, the derivative of F with respect to
+q is -J_b, so J_b dq = dF at fixed q. The rule differentiates again, hence derivatives of any order.
 """
 
 from __future__ import annotations
@@ -14,9 +14,8 @@ import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.geometry import Geometry
-from niryo_jax.ik.error import error_twist
+from niryo_jax.ik.error import near_twist
 from niryo_jax.jacobian import pose_and_jacobian
-from niryo_jax.lanes import Lanes
 from niryo_jax.lanes.batching import on_lanes
 from niryo_jax.tolerances import DEPENDENT_ROW
 
@@ -37,21 +36,42 @@ def implicit_rate(
 
     def twist(geometry: Geometry, target: jax.Array) -> jax.Array:
         return on_lanes(
-            lambda target, q: error_twist(geometry, target, q, "body")[0],
+            lambda target, q: near_twist(geometry, target, q)[0],
             ("pose", target, (4, 4)),
             ("q", q, (n,)),
         )
 
     _, rate = jax.jvp(twist, (geometry, target), tangents)
+    jacobian = on_lanes(
+        lambda q: pose_and_jacobian(geometry, q, "body", stored=True)[1], ("q", q, (n,))
+    )
     solved = solved[..., None]
+    solve = _solve_square if n == 6 else _solve
+    return jnp.where(solved, solve(jacobian, jnp.where(solved, rate, 0.0)), 0.0)
 
-    def rates(q: Lanes, rate: Lanes) -> Lanes:
-        jacobian = pose_and_jacobian(geometry, q, "body", stored=True)[1]
-        return lanes.solve(jacobian, rate, 0.0, DEPENDENT_ROW.of(rate_dtype))
 
-    rate_dtype = rate.dtype
-    dq = on_lanes(rates, ("q", q, (n,)), ("rate", jnp.where(solved, rate, 0.0), (6,)))
-    return jnp.where(solved, dq, 0.0)
+def _solve(jacobian: jax.Array, rate: jax.Array) -> jax.Array:
+    tolerance = DEPENDENT_ROW.of(rate.dtype)
+    return on_lanes(
+        lambda matrix, rhs: lanes.solve(matrix, rhs, 0.0, tolerance),
+        ("jacobian", jacobian, jacobian.shape[-2:]),
+        ("rate", rate, rate.shape[-1:]),
+    )
+
+
+# With as many joints as equations x = J^-1 b has the rate J^-1 (db - dJ x), a second solve, which
+# is a far smaller program than the derivative of the first.
+_solve_square = jax.custom_jvp(_solve)
+
+
+@_solve_square.defjvp
+def _solve_square_jvp(
+    primals: tuple[jax.Array, jax.Array], tangents: tuple[jax.Array, jax.Array]
+) -> tuple[jax.Array, jax.Array]:
+    jacobian, rate = primals
+    x = _solve_square(jacobian, rate)
+    left = tangents[1] - jnp.sum(tangents[0] * x[..., None, :], axis=-1)
+    return x, _solve_square(jacobian, left)
 
 
 Result = TypeVar("Result")

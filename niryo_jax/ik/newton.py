@@ -20,13 +20,11 @@ from jax.typing import ArrayLike
 
 from niryo_jax import lanes
 from niryo_jax.geometry import Geometry, on_robot
-from niryo_jax.ik.error import Frame, error_twist
+from niryo_jax.ik.error import Frame, error_twist, near_twist
 from niryo_jax.ik.implicit import implicit_rate, zero_tangent
 from niryo_jax.ik.target import make_target
-from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import as_floating, check_shape
-from niryo_jax.lie import se3
 from niryo_jax.robot import Robot
 from niryo_jax.tolerances import DEPENDENT_ROW, NEWTON_POSITION, NEWTON_ROTATION
 
@@ -175,8 +173,8 @@ def _iterate(
         q = np.array([Lane(value) for value in state.q], dtype=object)
         twist, jacobian, position_error = error_twist(geometry, target_lanes, q, options.frame)
         jacobian, twist = (
-            lanes.map_lanes(lanes.store, jacobian),
-            lanes.map_lanes(lanes.store, twist),
+            lanes.stored(jacobian),
+            lanes.stored(twist),
         )
         rotation_error = lanes.norm(twist[:3])
         converged = (position_error <= position_tolerance) & (rotation_error <= rotation_tolerance)
@@ -214,18 +212,12 @@ def _iterate(
 
 
 def refine(geometry: Geometry, target: jax.Array, q: jax.Array, steps: int) -> jax.Array:
-    """Newton steps from joint vectors (rows, n) that all but solve (rows, 4, 4) targets.
-
-    So near the target half the difference of R and R^T stands for the logarithm of R.
-    """
-    goal_rotation, goal = se3.split(lanes.unpack(target, 2))
+    """Newton steps from joint vectors (rows, n) that all but solve (rows, 4, 4) targets."""
+    goal = lanes.unpack(target, 2)
 
     def body(_: int, q: jax.Array) -> jax.Array:
         joints = lanes.unpack(q)
-        (rotation, position), jacobian = pose_and_jacobian(geometry, joints, "body", stored=True)
-        turn = lanes.vee(rotation.T @ goal_rotation)
-        twist = np.concatenate([turn, rotation.T @ (goal - position)])
-        twist, jacobian = (lanes.map_lanes(lanes.store, x) for x in (twist, jacobian))
+        twist, jacobian = map(lanes.stored, near_twist(geometry, goal, joints))
         step = lanes.solve(jacobian, twist, 0.0, DEPENDENT_ROW.of(q.dtype))
         step = [lanes.maximum(lanes.minimum(x, _LARGEST_STEP), -_LARGEST_STEP) for x in step]
         return lanes.pack(joints + lanes.lanes_of(step), q.shape[:1], q.dtype)
@@ -246,7 +238,7 @@ def _step(options: _Options, jacobian: Lanes, twist: Lanes, dtype: np.dtype) -> 
     """The damped Newton step, scaled back to the step limit."""
     damping = lanes.store(lanes.norm(twist) * options.damping) if options.damping else 0.0
     dq = lanes.solve(jacobian, twist, damping, DEPENDENT_ROW.of(dtype))
-    dq = lanes.map_lanes(lanes.store, dq)
+    dq = lanes.stored(dq)
     largest = Lane(0.0)
     for value in dq:
         largest = lanes.maximum(largest, abs(value))

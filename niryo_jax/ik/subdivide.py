@@ -18,7 +18,8 @@ from niryo_jax import lanes
 from niryo_jax.ik import condition
 from niryo_jax.ik.arm import Arm
 from niryo_jax.ik.bounds import proves, remainder_bound
-from niryo_jax.ik.reduction import Circle, Posture, crossing_posture, read_circle
+from niryo_jax.ik.circle import Circle, read_circle
+from niryo_jax.ik.posture import Posture, crossing_posture
 from niryo_jax.lanes import Lane
 from niryo_jax.tolerances import (
     CONDITION_ROUNDING,
@@ -171,7 +172,7 @@ def _step(arm: Arm, columns: jax.Array, state: _State) -> _State:
     start = jnp.maximum(state.size - _WIDTH, 0)
     items = jax.lax.dynamic_slice_in_dim(state.stack, start, _WIDTH)
     live = start + jnp.arange(_WIDTH) < state.size
-    pose, code, low, high, f_low, f_high = _columns(items)
+    pose, code, low, high, f_low, f_high = (lane.array for lane in lanes.columns(items))
     branch = code % 4
     signs = condition.branch_signs(branch.astype(jnp.int32), dtype)
     middle, reach = 0.5 * (low + high), 0.5 * (high - low)
@@ -224,11 +225,6 @@ def _is_infeasible(
     return jnp.asarray(found.inside + rate * (2.0 * reach) < 0.0)
 
 
-def _columns(items: jax.Array) -> list[jax.Array]:
-    """The columns of a table, each contiguous in memory."""
-    return [lanes.store(lane).array for lane in lanes.unpack(items)]
-
-
 def _refine(
     arm: Arm,
     circle: Circle,
@@ -237,7 +233,7 @@ def _refine(
     intervals: jax.Array,
 ) -> jax.Array:
     """The root in each bracket (regula falsi, Anderson and Bjoerck's weights), or its middle."""
-    _, _, low, high, f_low, f_high = _columns(intervals)
+    _, _, low, high, f_low, f_high = (lane.array for lane in lanes.columns(intervals))
     middle = 0.5 * (low + high)
     rounding = CONDITION_ROUNDING.of(intervals.dtype)
 

@@ -18,13 +18,8 @@ from niryo_jax import lanes
 from niryo_jax.ik import condition
 from niryo_jax.ik.arm import Arm
 from niryo_jax.ik.bounds import proves
-from niryo_jax.ik.reduction import (
-    Circle,
-    Posture,
-    branch_label,
-    joint_angles,
-    spherical_posture,
-)
+from niryo_jax.ik.circle import Circle
+from niryo_jax.ik.posture import Posture, branch_label, joint_angles, spherical_posture
 from niryo_jax.ik.solutions import Singularity
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.tolerances import (
@@ -77,7 +72,7 @@ def sweep(arm: Arm, circle: Circle, batch: int, dtype: np.dtype) -> Candidates:
     elbow, shoulder = (sign.astype(dtype) for sign in signs)
     root = _secants(lambda t: condition.at(arm, circle, (elbow, shoulder), t).f, root)
     found = condition.at(arm, circle, (elbow, shoulder), root.t).posture.stored()
-    q = lanes.map_lanes(lanes.store, joint_angles(arm, circle, found))
+    q = lanes.stored(joint_angles(arm, circle, found))
     # What is proved here has simple roots.
     regular = jnp.zeros((8, batch), jnp.int32)
     return Candidates(q, exists, branch_label(found, q[4]), regular, proved)
@@ -149,7 +144,7 @@ def spherical(arm: Arm, circle: Circle, batch: int, dtype: np.dtype) -> Candidat
         Lane(jnp.tile(jnp.repeat(signs, 4 >> i, 0), (1 << i, 1))) for i in range(3)
     )
     found = spherical_posture(arm, circle, elbow, shoulder, root).stored()
-    q = lanes.map_lanes(lanes.store, joint_angles(arm, circle, found))
+    q = lanes.stored(joint_angles(arm, circle, found))
     miss = abs(found.dot - arm.wrist_angle)
     exists = (miss < CLOSED_FORM.of(dtype)) & (found.inside >= 0.0)
     exists = jnp.broadcast_to(exists, (8, batch))

@@ -28,6 +28,7 @@ from niryo_jax.lanes.scalar import (
     Lanes,
     as_lane,
     choose,
+    columns,
     lanes_of,
     map_lanes,
     maximum,
@@ -36,6 +37,7 @@ from niryo_jax.lanes.scalar import (
     select,
     sqrt,
     store,
+    stored,
     unpack,
 )
 from niryo_jax.lanes.trigonometry import acos, asin, atan2, sincos
@@ -49,6 +51,7 @@ __all__ = [
     "asin",
     "atan2",
     "choose",
+    "columns",
     "cross",
     "dot",
     "hat",
@@ -66,6 +69,7 @@ __all__ = [
     "solve",
     "sqrt",
     "store",
+    "stored",
     "unpack",
     "vee",
     "volume",

@@ -281,3 +281,13 @@ def store(lane: Lane, by: Lane | None = None) -> Lane:
     other = lax.stop_gradient((lane if by is None else by).value)
     one = _apply(lax.add, operator.add, _apply(lax.mul, operator.mul, other, 0.0), 1.0)
     return Lane(_apply(lax.div, operator.truediv, lane.value, one))
+
+
+def stored(lanes: Lanes) -> Lanes:
+    """`store` of every element."""
+    return map_lanes(store, lanes)
+
+
+def columns(array: jax.Array, axes: int = 1) -> Lanes:
+    """`unpack`, each lane contiguous in memory, which what reads many rows is faster with."""
+    return stored(unpack(array, axes))

@@ -16,147 +16,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import DTypeLike
 
 from niryo_jax import lanes
-from niryo_jax.ik.arm import Arm, as_type
+from niryo_jax.ik.arm import Arm
+from niryo_jax.ik.circle import Circle, HalfAngle
 from niryo_jax.lanes import Condition, Lane, Lanes
-from niryo_jax.lie import se3
 
 _TINY = 1e-30
-
-
-class HalfAngle(NamedTuple):
-    """An angle x on the curve: sin^2(x/2) = low sin^2 t + high cos^2 t.
-
-    Attributes:
-        low, high: see above.
-        low_rest, high_rest: 1 - low and 1 - high, without cancellation.
-    """
-
-    low: Lane
-    high: Lane
-    low_rest: Lane
-    high_rest: Lane
-
-
-class Circle(NamedTuple):
-    """What a target leaves the wrist point.
-
-    Attributes:
-        centre: (3,) centre of the circle, base frame.
-        axes: (3, 3) rows: the direction from the shoulder to the centre at right angles to axis 6,
-            axis 6 x that, axis 6. The wrist is at centre + r (cos u axes[0] + sin u axes[1]).
-        start: cosine and sine of u at theta_6 = 0; u decreases as theta_6 grows.
-        elbow: the elbow angle E (0: stretched) as a function of t.
-        position: the angle u as a function of t.
-        inner: 1 where the whole arm cannot fold as far as the near side of the circle asks.
-        excess: by how much the nearest point of the circle is out of the arm's reach, in units of
-            4 a b: positive where it is too far.
-        shortfall: the same for the farthest point, positive where it is too near.
-    """
-
-    centre: Lanes
-    axes: Lanes
-    start: Lanes
-    elbow: HalfAngle
-    position: HalfAngle
-    inner: Lane
-    excess: Lane
-    shortfall: Lane
-
-    def astype(self, dtype: DTypeLike) -> Circle:
-        """The same numbers in a dtype."""
-        return _circle_from(as_type(circle_columns(self), dtype))
-
-
-def wrist_circle(arm: Arm, target: Lanes) -> Circle:
-    """The circle of a target pose, (4, 4) lanes."""
-    rotation, position = se3.split(target)
-    rotation = _stored(arm.base @ rotation)
-    centre = _stored(rotation @ arm.centre + arm.base @ (position - arm.shoulder))
-    spoke, axis = _stored(rotation @ arm.spoke), _stored(rotation @ arm.axis_6)
-    a, b, r, d = arm.upper_arm, arm.forearm, arm.radius, arm.sideways
-    if arm.is_spherical:
-        side, start, height = spoke, lanes.lanes_of([1.0, 0.0]), Lane(0.0)
-    else:
-        along = lanes.store(centre @ axis)
-        level = centre - along * axis
-        height = lanes.store(lanes.norm(level))
-        aside = height > _TINY
-        side = lanes.choose(aside, level / lanes.select(aside, height, 1.0), spoke)
-        side = _stored(side)
-        start = np.array([spoke @ side, spoke @ lanes.cross(axis, side)], dtype=object)
-    second = _stored(lanes.cross(axis, side))
-    square = lanes.store(centre @ centre)
-    # sin^2(E/2) = e + m sin^2(u/2), since the law of cosines is linear in cos E and in cos u.
-    scale = 4.0 * a * b
-    m = lanes.store(4.0 * r * height / scale)
-    e = lanes.store(((a + b) * (a + b) + d * d - square - r * (r + 2.0 * height)) / scale)
-    top = lanes.store(e + m)
-    e_rest = lanes.store((square + r * (r + 2.0 * height) - d * d - (a - b) * (a - b)) / scale)
-    top_rest = lanes.store(e_rest - m)
-    cut_far, cut_near = e <= 0.0, top_rest <= 0.0
-    elbow = HalfAngle(
-        lanes.select(cut_far, 0.0, e),
-        lanes.select(cut_near, 1.0, top),
-        lanes.select(cut_far, 1.0, e_rest),
-        lanes.select(cut_near, 0.0, top_rest),
-    )
-    whole = m > _TINY
-    per = lanes.select(whole, 1.0 / lanes.select(whole, m, 1.0), 0.0)
-    position_of = HalfAngle(
-        lanes.select(cut_far, -e * per, 0.0),
-        lanes.select(cut_near, e_rest * per, 1.0),
-        lanes.select(cut_far, top * per, 1.0),
-        lanes.select(cut_near, -top_rest * per, 0.0),
-    )
-    return Circle(
-        centre,
-        np.stack([side, second, axis]),
-        start,
-        HalfAngle(*(lanes.store(x) for x in elbow)),
-        HalfAngle(*(lanes.store(x) for x in position_of)),
-        lanes.select(cut_near, 1.0, 0.0),
-        -top,
-        -e_rest,
-    )
-
-
-def _stored(vector: Lanes) -> Lanes:
-    return lanes.map_lanes(lanes.store, vector)
-
-
-def circle_columns(circle: Circle) -> Lanes:
-    """The numbers of a circle in one vector of lanes."""
-    return lanes.lanes_of(
-        [
-            *circle.centre,
-            *circle.axes.ravel(),
-            *circle.start,
-            *circle.elbow,
-            *circle.position,
-            circle.inner,
-            circle.excess,
-            circle.shortfall,
-        ]
-    )
-
-
-def read_circle(rows: jax.Array) -> Circle:
-    """The circles of rows (..., c) of columns, each number contiguous in memory."""
-    return _circle_from(_stored(lanes.unpack(rows)))
-
-
-def _circle_from(columns: Lanes) -> Circle:
-    return Circle(
-        columns[:3],
-        columns[3:12].reshape(3, 3),
-        columns[12:14],
-        HalfAngle(*columns[14:18]),
-        HalfAngle(*columns[18:22]),
-        *columns[22:25],
-    )
 
 
 class Posture(NamedTuple):
@@ -197,7 +63,7 @@ class Posture(NamedTuple):
         """The same, each number computed once and kept (`lanes.store`)."""
 
         def keep(part: Any) -> Any:
-            return _stored(part) if isinstance(part, np.ndarray) else lanes.store(part)
+            return lanes.stored(part) if isinstance(part, np.ndarray) else lanes.store(part)
 
         return Posture(*map(keep, self))
 
@@ -236,8 +102,8 @@ def _on_circle(circle: Circle, t: tuple[Lane, Lane], elbow: Lane | float) -> tup
     sin_elbow = sin_elbow * lanes.select(inner, forward, elbow)
     sin_u = sin_u * lanes.select(inner, elbow, forward)
     return (
-        _stored(np.array([cos_elbow, sin_elbow], dtype=object)),
-        _stored(np.array([cos_u, sin_u], dtype=object)),
+        lanes.stored(np.array([cos_elbow, sin_elbow], dtype=object)),
+        lanes.stored(np.array([cos_u, sin_u], dtype=object)),
     )
 
 
@@ -317,7 +183,7 @@ def _posture(
     wrist = circle.centre
     if not arm.is_spherical:
         wrist = wrist + (arm.radius * u[0]) * circle.axes[0] + (arm.radius * u[1]) * circle.axes[1]
-        wrist = _stored(wrist)
+        wrist = lanes.stored(wrist)
     x, y, z = wrist
     v = z if arm.is_planar else (z - d * lean) / upright
     w = d * upright - v * lean
@@ -327,7 +193,7 @@ def _posture(
     some = square > _TINY
     per = lanes.select(some, 1.0 / lanes.select(some, square, 1.0), 0.0)
     if turn is None:
-        turn = _stored(np.array([(x * w - y * h) * per, (y * w + x * h) * per], dtype=object))
+        turn = lanes.stored(np.array([(x * w - y * h) * per, (y * w + x * h) * per], dtype=object))
     reach = np.array([v, h], dtype=object)
     a, b = arm.upper_arm, arm.forearm
     ahead, aside = a * elbow[0] + b, a * elbow[1]
@@ -356,7 +222,7 @@ def _with_circle(arm: Arm, circle: Circle, found: Posture, u: Lanes) -> Posture:
     cos_u, sin_u = u
     side, second, axis_6 = circle.axes
     axis_5 = h0 * axis_6 + (h1 * cos_u - h2 * sin_u) * side + (h1 * sin_u + h2 * cos_u) * second
-    return found._replace(circle=u, axis_5=_stored(_in_frame(arm, found.turn, axis_5)))
+    return found._replace(circle=u, axis_5=lanes.stored(_in_frame(arm, found.turn, axis_5)))
 
 
 def _in_frame(arm: Arm, turn: Lanes, vector: Lanes) -> Lanes:
@@ -398,11 +264,6 @@ def joint_angles(arm: Arm, circle: Circle, found: Posture) -> Lanes:
         sin_start * cos_u - cos_start * sin_u, cos_start * cos_u + sin_start * sin_u
     )
     return np.array([theta_1, theta_2, theta_3, theta_4, theta_5, theta_6], dtype=object)
-
-
-def is_out_of_reach(circle: Circle, rounding: float) -> tuple[Condition, Condition]:
-    """Whether every point of the circle is too far from the shoulder, and whether too near."""
-    return circle.excess > rounding, circle.shortfall > rounding
 
 
 def branch_label(found: Posture, theta_5: Lane) -> jax.Array:

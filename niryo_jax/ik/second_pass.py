@@ -1,0 +1,174 @@
+"""The second pass of the complete solver: poses that the first leaves open, a chunk at a time.
+
+For arms with a wrist offset `subdivide` finds the roots with a proof; for spherical wrists what the
+closed form leaves rough near singularities is polished.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from niryo_jax import lanes
+from niryo_jax.geometry import Geometry
+from niryo_jax.ik.arm import Arm
+from niryo_jax.ik.arrange import Answer, Limits, arrange
+from niryo_jax.ik.batches import for_each_chunk
+from niryo_jax.ik.circle import circle_columns, obstacle, read_circle, wrist_circle
+from niryo_jax.ik.distinct import distinct
+from niryo_jax.ik.error import closes, misses
+from niryo_jax.ik.newton import refine
+from niryo_jax.ik.posture import branch_label, joint_angles
+from niryo_jax.ik.solutions import Singularity, less_turns
+from niryo_jax.ik.subdivide import (
+    BRACKET,
+    CROSSING,
+    SELF_MOTION,
+    TOUCHING,
+    Roots,
+    find_roots,
+    posture_of,
+    running_count,
+)
+from niryo_jax.ik.sweep import spherical
+from niryo_jax.lanes import Lane
+from niryo_jax.tolerances import IK_POLISH, IK_POSITION
+
+_AT_ONCE = 2048
+_POLISHED = 128
+_POLISHING = 5
+_MOST = 16
+_NEARLY = 100.0
+
+
+def by_subdivision(
+    geometry: Geometry, arm: Arm, target: jax.Array, live: jax.Array, limits: Limits
+) -> Answer:
+    """The answers of the poses that the fast pass left open."""
+    rows, dtype = target.shape[0], target.dtype
+    circle = wrist_circle(arm, lanes.columns(target, 2))
+    reach = obstacle(circle, rows, dtype)
+    columns = lanes.pack(circle_columns(circle), (rows,), dtype)
+    roots = find_roots(arm, columns, live & (reach == 0))
+    solved = _polish(
+        geometry, target, _joint_vectors(geometry, arm, columns, target, roots), roots.pose
+    )
+    q, position, rotation = solved.q, solved.position, solved.rotation
+    real = roots.pose < rows
+    # A crossing's roots are met many times over; where two of them merge, only the best are alike.
+    share = jnp.where(roots.kind == CROSSING, IK_POLISH.of(dtype) / IK_POSITION.of(dtype), 1.0)
+    good = real & closes(position, rotation, share)
+
+    # A root that is proved to be there and whose joint vector does not close is a solution lost;
+    # one that touches zero to rounding and nearly closes may be.
+    near = closes(position, rotation, _NEARLY)
+    lost = real & ~good & ((roots.kind == BRACKET) | ((roots.kind == TOUCHING) & near))
+    incomplete = jnp.zeros(rows, bool).at[jnp.where(lost, roots.pose, rows)].set(True, mode="drop")
+
+    owner = jnp.where(good, roots.pose, rows)
+    order, new = distinct(q, owner)
+    owner = owner[order]
+    kept = (owner < rows) & new
+    count, _ = running_count(kept)
+    first = jnp.searchsorted(owner, jnp.arange(rows))
+    before = jnp.where(first > 0, count[first - 1], 0)
+    place = count - 1 - before[jnp.minimum(owner, rows - 1)]
+    there = (jnp.where(kept & (place < _MOST), place, _MOST), owner)
+    table = (
+        jnp.full((_MOST, rows), -1, jnp.int32).at[there].set(order.astype(jnp.int32), mode="drop")
+    )
+    found, taken = table >= 0, jnp.maximum(table, 0)
+    candidates = np.array([Lane(q[:, i][taken]) for i in range(q.shape[1])], dtype=object)
+    crowded = jnp.zeros(rows, bool).at[jnp.where(kept & (place >= _MOST), owner, rows)]
+    crowded = crowded.set(True, mode="drop")
+    kind = roots.kind[taken]
+    singularity = jnp.select(
+        [kind == SELF_MOTION, kind == TOUCHING],
+        [jnp.int32(Singularity.SELF_MOTION), jnp.int32(Singularity.MERGED)],
+        jnp.int32(Singularity.NONE),
+    )
+    errors = position[taken], rotation[taken]
+    slots = arrange(candidates, found, errors, solved.label[taken], singularity, limits)
+    proved = (reach > 0) | (roots.complete & ~crowded & ~incomplete)
+    return Answer(slots, reach, proved)
+
+
+def by_polish(
+    geometry: Geometry, arm: Arm, target: jax.Array, live: jax.Array, limits: Limits
+) -> Answer:
+    """The answers of poses of an arm with a spherical wrist whose closed form is too rough."""
+    rows, dtype = target.shape[0], target.dtype
+    circle = wrist_circle(arm, lanes.columns(target, 2))
+    candidates = spherical(arm, circle, rows, dtype)
+    slots = candidates.exists.shape[0]
+    pose = jnp.where(candidates.exists & live, jnp.arange(rows), rows).reshape(-1)
+    q = jnp.stack([lane.array.reshape(-1) for lane in candidates.q], axis=-1)
+    goal = jnp.broadcast_to(target, (slots, rows, 4, 4)).reshape(-1, 4, 4)
+    label = candidates.label.reshape(-1)
+    solved = _Solved(q, *misses(geometry, goal, lanes.unpack(q)), label)
+    solved = _polish(geometry, target, solved, pose)
+    q, position, rotation, label = (x.reshape(slots, rows, *x.shape[1:]) for x in solved)
+    found = (pose < rows).reshape(slots, rows) & closes(position, rotation)
+    errors = position, rotation
+    arranged = arrange(lanes.unpack(q), found, errors, label, candidates.singularity, limits)
+    proved = ~jnp.any(candidates.exists & ~found, axis=0)
+    return Answer(arranged, obstacle(circle, rows, dtype), proved)
+
+
+class _Solved(NamedTuple):
+    """Joint vectors (r, n), the metres and radians by which they miss, and their branches."""
+
+    q: jax.Array
+    position: jax.Array
+    rotation: jax.Array
+    label: jax.Array
+
+    def replace(self, where: jax.Array, new: _Solved) -> _Solved:
+        """With the rows `where` replaced; rows out of range are left out."""
+        return _Solved(*(x.at[where].set(y, mode="drop") for x, y in zip(self, new)))
+
+
+def _joint_vectors(
+    geometry: Geometry, arm: Arm, columns: jax.Array, target: jax.Array, roots: Roots
+) -> _Solved:
+    """The joint vector of each root."""
+    places, dtype = roots.pose.shape[0], target.dtype
+
+    def some(state: _Solved, at: jax.Array, live: jax.Array) -> _Solved:
+        pose = jnp.minimum(roots.pose[at], target.shape[0] - 1)
+        circle = read_circle(columns[pose])
+        found = posture_of(arm, circle, roots.intervals[at])
+        q = lanes.stored(joint_angles(arm, circle, found))
+        position, rotation = misses(geometry, target[pose], q)
+        where = jnp.where(live, at, places)
+        label = branch_label(found, q[4])
+        return state.replace(
+            where, _Solved(lanes.pack(q, at.shape, dtype), position, rotation, label)
+        )
+
+    nothing = jnp.zeros((places, geometry.joints), dtype)
+    far = jnp.full(places, jnp.inf, dtype)
+    start = _Solved(nothing, far, far, jnp.zeros(places, jnp.int32))
+    filled = roots.pose < target.shape[0]
+    return for_each_chunk(filled, min(_AT_ONCE, places), some, start)
+
+
+def _polish(geometry: Geometry, target: jax.Array, solved: _Solved, pose: jax.Array) -> _Solved:
+    """Newton's method on the full pose for the joint vectors that miss by more than rounding."""
+    tolerance = IK_POLISH.of(solved.q.dtype)
+    rough = (solved.position > tolerance) | (solved.rotation > tolerance)
+    rough = rough & (pose < target.shape[0])
+
+    def again(state: _Solved, at: jax.Array, live: jax.Array) -> _Solved:
+        goal = target[jnp.minimum(pose[at], target.shape[0] - 1)]
+        q = refine(geometry, goal, state.q[at], _POLISHING)
+        q = less_turns(q, (True,) * geometry.joints)
+        position, rotation = misses(geometry, goal, lanes.unpack(q))
+        better = live & (position + rotation < state.position[at] + state.rotation[at])
+        where = jnp.where(better, at, pose.shape[0])
+        return state.replace(where, _Solved(q, position, rotation, state.label[at]))
+
+    return for_each_chunk(rough, min(_POLISHED, pose.shape[0]), again, solved)
