@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+import operator
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -52,6 +55,14 @@ Limits = tuple[jax.Array, jax.Array]
 """Lower and upper (n,)."""
 
 
+def in_slots(array: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+    """Numbers of candidates in the shape (slots, batch), or where 8 slots are three signs from
+    any that broadcasts to (2, 2, 2, batch)."""
+    if array.shape == shape:
+        return array
+    return jnp.broadcast_to(array, (2, 2, 2, *shape[1:])).reshape(shape)
+
+
 def arrange(
     q: Lanes,
     found: jax.Array,
@@ -60,7 +71,7 @@ def arrange(
     singularity: jax.Array,
     limits: Limits,
 ) -> Slots:
-    """Order the candidates (slots first) of a batch into `SLOTS` slots.
+    """Order the candidates (slots first, or for `in_slots`) of a batch into `SLOTS` slots.
 
     A `label` of `branch_label` that is met again counts as one more sheet: 8 is added to it.
     """
@@ -74,33 +85,43 @@ def arrange(
         up, down = angle + 2 * np.pi, angle - 2 * np.pi
         angle = jnp.where((angle < lower) & (up <= upper + rounding), up, angle)
         angle = jnp.where((angle > upper) & (down >= lower - rounding), down, angle)
-        angle = lanes.store(Lane(angle)).array
+        angle = in_slots(lanes.store(Lane(angle)).array, found.shape)
         angles.append(angle)
         margin = jnp.minimum(margin, jnp.minimum(angle - lower, upper - angle))
     worth = lanes.store(Lane(jnp.where(found, margin, -jnp.inf)), by=Lane(angles[0])).array
     # Read off a number that is kept, rather than computed again for every pair.
     found = worth > -jnp.inf
     number = jnp.arange(count)[:, None]
-    earlier = number < number[:, None]
-    # Counting pairs vectorises over the batch, where sorting does not.
-    before = (worth > worth[:, None]) | ((worth == worth[:, None]) & earlier)
-    rank = jnp.sum(before, axis=1, dtype=jnp.int32)
-    alike = (label == label[:, None]) & found & earlier
-    label = label + 8 * jnp.sum(alike, axis=1, dtype=jnp.int32)
-    within = found & (margin >= -rounding)
+
+    # Counting pairs vectorises over the batch, where sorting does not; so do sums that are written
+    # out and numbers of one type, where reductions and integers beside them do not.
+    def tally(pair: Callable[[int], jax.Array], weight: int = 0) -> jax.Array:
+        terms = ((1 + i * weight) * as_number(pair(i)) for i in range(count))
+        return functools.reduce(operator.add, terms)
+
+    def as_number(truth: jax.Array) -> jax.Array:
+        return jnp.where(truth, jnp.ones((), dtype), jnp.zeros((), dtype))
+
+    rank = tally(lambda i: (worth[i] > worth) | ((worth[i] == worth) & (i < number)))
+    rank = jnp.where(found, rank, count)
+    label = label.astype(dtype)
+    sheet = tally(lambda i: (label[i] == label) & (worth[i] > -jnp.inf) & (i < number))
+    within = worth >= -rounding
     # One small number for all that is not a real one.
-    code = (label + 1) + 256 * (singularity + 16 * (found + 2 * within))
-    fields = [*angles, *errors, code.astype(dtype)]
+    code = label + 8 * sheet + 1 + 256 * singularity.astype(dtype)
+    code = code + 4096 * as_number(found) + 8192 * as_number(within)
+    fields = [*angles, *errors, code]
     batch = found.shape[1]
     table = jnp.stack([x.reshape(-1) for x in fields], axis=-1)
     nothing = jnp.array([0.0] * len(angles) + [jnp.inf, jnp.inf, 0.0], dtype)
     table = jnp.concatenate([table, nothing[None]])
-    place = jnp.arange(min(count, SLOTS), dtype=jnp.int32)[:, None, None]
-    here = jnp.where((rank == place) & found, number + 1, 0)
-    slot = jnp.sum(here, axis=1, dtype=jnp.int32)
+    slots = min(count, SLOTS)
+    place = jnp.arange(slots, dtype=dtype)[:, None]
+    slot = tally(lambda i: rank[i] == place, weight=1).astype(jnp.int32)
     row = jnp.where(slot > 0, (slot - 1) * batch + jnp.arange(batch), count * batch)
-    row = jnp.pad(row, ((0, SLOTS - len(row)), (0, 0)), constant_values=count * batch)
     ordered = table[row.T]
+    empty = jnp.broadcast_to(nothing, (batch, SLOTS - slots, len(nothing)))
+    ordered = jnp.concatenate([ordered, empty], axis=1)
     code = ordered[..., -1].astype(jnp.int32)
     return Slots(
         q=ordered[..., : len(angles)],

@@ -18,7 +18,7 @@ from jax.typing import ArrayLike
 from niryo_jax import lanes
 from niryo_jax.geometry import Geometry, on_robot
 from niryo_jax.ik.arm import Arm, arm_from
-from niryo_jax.ik.arrange import Answer, Limits, arrange
+from niryo_jax.ik.arrange import Answer, Limits, arrange, in_slots
 from niryo_jax.ik.batches import BLOCK, for_each_chunk, program_size
 from niryo_jax.ik.circle import obstacle, wrist_circle
 from niryo_jax.ik.collect import finish
@@ -65,7 +65,8 @@ def _sweep_block(
     reach = obstacle(circle, batch, dtype)
     find = spherical if arm.is_spherical else sweep
     candidates = find(arm, circle, batch, dtype)
-    position, rotation = misses(geometry, target, candidates.q)
+    errors = misses(geometry, target, candidates.q)
+    position, rotation = (in_slots(error, candidates.exists.shape) for error in errors)
     close = closes(position, rotation)
     possible = candidates.exists & (valid & (reach == 0))
     found = possible & close

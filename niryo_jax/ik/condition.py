@@ -50,25 +50,28 @@ def scan(
     """The condition all along the curve.
 
     Returns:
-        (4, SEGMENTS, SHARE + 1, batch) f of each branch at the nodes of each segment, of which the
-        first and the last are those of its neighbours; and (4, SEGMENTS, 1, batch) the
-        `remainder_bound` of the segments.
+        (4, NODES + 1, batch) f of each branch at the nodes; and (4, SEGMENTS, batch) the
+        `remainder_bound` of the segments, of SHARE intervals each.
     """
-    number = SHARE * np.arange(SEGMENTS)[:, None] + np.arange(SHARE + 1)
-    signs = branch_signs(jnp.arange(4).reshape(4, 1, 1, 1), dtype)
+    # Elbow and shoulder on axes of their own: what one of them does not change is shared.
+    one = jnp.array([1.0, -1.0], dtype)
+    signs = Lane(one.reshape(2, 1, 1, 1)), Lane(one.reshape(2, 1, 1))
 
     def posture_at(number: np.ndarray) -> tuple[Posture, tuple[Lane, Lane]]:
         t = node(number)
         # The ends of the curve are where an arc's ends meet: exactly there, not almost.
         cos = np.where(number % NODES == 0, 0.0, np.cos(t))
-        sin_t, cos_t = (Lane(jnp.asarray(x[..., None], dtype)) for x in (np.sin(t), cos))
+        sin_t, cos_t = (Lane(jnp.asarray(x[:, None], dtype)) for x in (np.sin(t), cos))
         return posture(arm, circle, (sin_t, cos_t), *signs), (sin_t, cos_t)
 
-    f = posture_at(number)[0].dot - arm.wrist_angle
-    f = jnp.broadcast_to(lanes.store(f).array, (4, SEGMENTS, SHARE + 1, batch))
-    middle, sin_cos = posture_at(number[:, [SHARE // 2]])
+    def branches(lane: Lane, by: Lane, nodes: int) -> jax.Array:
+        array = jnp.broadcast_to(lanes.store(lane, by).array, (2, 2, nodes, batch))
+        return array.reshape(4, nodes, batch)
+
+    f = posture_at(np.arange(NODES + 1))[0].dot - arm.wrist_angle
+    middle, sin_cos = posture_at(SHARE * np.arange(SEGMENTS) + SHARE // 2)
     remainder = remainder_bound(arm, circle, middle, sin_cos, np.pi / 2 / SEGMENTS)
-    return f, lanes.store(remainder, by=middle.dot).array
+    return branches(f, f, NODES + 1), branches(remainder, middle.dot, SEGMENTS)
 
 
 def node(number: np.ndarray) -> np.ndarray:

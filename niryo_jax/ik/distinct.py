@@ -1,4 +1,4 @@
-"""Which joint vectors of a long list, of many poses, are new: duplicates lie side by side."""
+"""The different joint vectors of each pose, out of one long list with duplicates."""
 
 from __future__ import annotations
 
@@ -10,17 +10,36 @@ import jax.numpy as jnp
 import numpy as np
 
 from niryo_jax import lanes
+from niryo_jax.ik.batches import running_count
 from niryo_jax.tolerances import SAME_SOLUTION
 
 
-def distinct(q: jax.Array, owner: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """An order of joint vectors (r, n) by owner (r,), and which of them, so ordered, are new.
+def distinct(q: jax.Array, owner: jax.Array, rows: int, most: int) -> tuple[jax.Array, jax.Array]:
+    """The joint vectors of each owner that are not the same as another, up to whole turns.
 
-    A joint vector is not new where it is one of its owner's before it, up to whole turns.
+    Args:
+        q: (r, n) joint vectors.
+        owner: (r,) to whom each belongs, 0..rows - 1; `rows` for those that do not count.
+        rows: how many owners there are.
+        most: how many joint vectors an owner may have.
+
+    Returns:
+        (most, rows) the numbers of the joint vectors of each owner, -1 where there is none, and
+        (rows,) whether an owner has more than fit.
     """
     # Equal joint vectors share their number, so that they are neighbours.
     order = _grouped(owner, _signature(q))
-    return order, ~_repeats(q[order], owner[order])
+    owner = owner[order]
+    kept = (owner < rows) & ~_repeats(q[order], owner)
+    count, _ = running_count(kept)
+    first = jnp.searchsorted(owner, jnp.arange(rows))
+    before = jnp.where(first > 0, count[first - 1], 0)
+    place = count - 1 - before[jnp.minimum(owner, rows - 1)]
+    fits = kept & (place < most)
+    table = jnp.full((most, rows), -1, jnp.int32)
+    table = table.at[jnp.where(fits, place, most), owner].set(order, mode="drop")
+    crowded = jnp.zeros(rows, bool).at[jnp.where(kept & ~fits, owner, rows)]
+    return table, crowded.set(True, mode="drop")
 
 
 def _signature(q: jax.Array) -> jax.Array:

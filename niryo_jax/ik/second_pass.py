@@ -15,7 +15,7 @@ import numpy as np
 from niryo_jax import lanes
 from niryo_jax.geometry import Geometry
 from niryo_jax.ik.arm import Arm
-from niryo_jax.ik.arrange import Answer, Limits, arrange
+from niryo_jax.ik.arrange import Answer, Limits, arrange, in_slots
 from niryo_jax.ik.batches import for_each_chunk
 from niryo_jax.ik.circle import circle_columns, obstacle, read_circle, wrist_circle
 from niryo_jax.ik.distinct import distinct
@@ -31,7 +31,6 @@ from niryo_jax.ik.subdivide import (
     Roots,
     find_roots,
     posture_of,
-    running_count,
 )
 from niryo_jax.ik.sweep import spherical
 from niryo_jax.lanes import Lane
@@ -41,6 +40,7 @@ _AT_ONCE = 2048
 _POLISHED = 128
 _POLISHING = 5
 _MOST = 16
+_FEW = 12
 _NEARLY = 100.0
 
 
@@ -66,24 +66,20 @@ def by_subdivision(
     # one that touches zero to rounding and nearly closes may be.
     near = closes(position, rotation, _NEARLY)
     lost = real & ~good & ((roots.kind == BRACKET) | ((roots.kind == TOUCHING) & near))
-    incomplete = jnp.zeros(rows, bool).at[jnp.where(lost, roots.pose, rows)].set(True, mode="drop")
 
-    owner = jnp.where(good, roots.pose, rows)
-    order, new = distinct(q, owner)
-    owner = owner[order]
-    kept = (owner < rows) & new
-    count, _ = running_count(kept)
-    first = jnp.searchsorted(owner, jnp.arange(rows))
-    before = jnp.where(first > 0, count[first - 1], 0)
-    place = count - 1 - before[jnp.minimum(owner, rows - 1)]
-    there = (jnp.where(kept & (place < _MOST), place, _MOST), owner)
-    table = (
-        jnp.full((_MOST, rows), -1, jnp.int32).at[there].set(order.astype(jnp.int32), mode="drop")
+    def some(size: int) -> tuple[jax.Array, jax.Array]:
+        owner = jnp.where(good, roots.pose, rows)[:size]
+        table, crowded = distinct(q[:size], owner, rows, _MOST)
+        return table, crowded.at[jnp.where(lost, roots.pose, rows)[:size]].set(True, mode="drop")
+
+    # Few poses have many roots, and sorting room for as many would cost more than all the rest.
+    table, incomplete = jax.lax.cond(
+        roots.number <= _FEW * rows,
+        lambda: some(_FEW * rows),
+        lambda: some(len(real)),
     )
     found, taken = table >= 0, jnp.maximum(table, 0)
     candidates = np.array([Lane(q[:, i][taken]) for i in range(q.shape[1])], dtype=object)
-    crowded = jnp.zeros(rows, bool).at[jnp.where(kept & (place >= _MOST), owner, rows)]
-    crowded = crowded.set(True, mode="drop")
     kind = roots.kind[taken]
     singularity = jnp.select(
         [kind == SELF_MOTION, kind == TOUCHING],
@@ -92,7 +88,7 @@ def by_subdivision(
     )
     errors = position[taken], rotation[taken]
     slots = arrange(candidates, found, errors, solved.label[taken], singularity, limits)
-    proved = (reach > 0) | (roots.complete & ~crowded & ~incomplete)
+    proved = (reach > 0) | (roots.complete & ~incomplete)
     return Answer(slots, reach, proved)
 
 
@@ -103,9 +99,10 @@ def by_polish(
     rows, dtype = target.shape[0], target.dtype
     circle = wrist_circle(arm, lanes.columns(target, 2))
     candidates = spherical(arm, circle, rows, dtype)
-    slots = candidates.exists.shape[0]
+    shape = candidates.exists.shape
+    slots = shape[0]
     pose = jnp.where(candidates.exists & live, jnp.arange(rows), rows).reshape(-1)
-    q = jnp.stack([lane.array.reshape(-1) for lane in candidates.q], axis=-1)
+    q = jnp.stack([in_slots(lane.array, shape).reshape(-1) for lane in candidates.q], axis=-1)
     goal = jnp.broadcast_to(target, (slots, rows, 4, 4)).reshape(-1, 4, 4)
     label = candidates.label.reshape(-1)
     solved = _Solved(q, *misses(geometry, goal, lanes.unpack(q)), label)

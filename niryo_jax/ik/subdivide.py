@@ -17,6 +17,7 @@ import numpy as np
 from niryo_jax import lanes
 from niryo_jax.ik import condition
 from niryo_jax.ik.arm import Arm
+from niryo_jax.ik.batches import running_count
 from niryo_jax.ik.bounds import proves, remainder_bound
 from niryo_jax.ik.circle import Circle, read_circle
 from niryo_jax.ik.posture import Posture, crossing_posture
@@ -43,11 +44,13 @@ class Roots(NamedTuple):
     Attributes:
         pose: (r,) the row each belongs to; out of range behind the last.
         intervals: (r, 6) what `posture_of` makes a posture of.
+        number: how many there are, unless it is more than there are places.
         complete: (rows,) whether the roots of a row are proved to be all.
     """
 
     pose: jax.Array
     intervals: jax.Array
+    number: jax.Array
     complete: jax.Array
 
     @property
@@ -94,7 +97,7 @@ def find_roots(arm: Arm, columns: jax.Array, live: jax.Array) -> Roots:
         state,
     )
     pose = jnp.where(jnp.arange(most) < count, roots[:, 0].astype(jnp.int32), rows)
-    return Roots(pose, roots, live & ~unproved & (count <= most))
+    return Roots(pose, roots, count, live & ~unproved & (count <= most))
 
 
 def posture_of(arm: Arm, circle: Circle, intervals: jax.Array) -> Posture:
@@ -126,19 +129,20 @@ def _first_intervals(
     """The intervals to begin with, (i, 6), which of them are settled, which hold a root."""
     rows, dtype = columns.shape[0], columns.dtype
     f, remainder = condition.scan(arm, read_circle(columns), rows, dtype)
-    before, after = f[:, :, :-1], f[:, :, 1:]
+    before, after = f[:, :-1], f[:, 1:]
+    remainder = jnp.repeat(remainder, condition.SHARE, axis=1)
     certain, _ = proves(remainder, condition.WIDTH, before, after)
-    number = np.arange(condition.NODES).reshape(condition.SEGMENTS, -1, 1)
+    number = np.arange(condition.NODES)[:, None]
     fields = [
         jnp.arange(rows, dtype=dtype),
-        jnp.arange(4, dtype=dtype).reshape(4, 1, 1, 1),
+        jnp.arange(4, dtype=dtype).reshape(4, 1, 1),
         *(jnp.asarray(condition.node(n), dtype) for n in (number, number + 1)),
         before,
         after,
     ]
     # Where the condition vanishes all along a branch, the arm moves while the tool rests: one
     # posture stands for all.
-    still = jnp.max(jnp.abs(f), axis=(1, 2), keepdims=True) < VANISHING.of(dtype)
+    still = jnp.max(jnp.abs(f), axis=1, keepdims=True) < VANISHING.of(dtype)
     one = still & (number == 0)
     start = live & ((certain & ((before > 0) != (after > 0)) & ~still) | one)
     fields[1] = fields[1] + 4 * SELF_MOTION * one.astype(dtype)
@@ -153,17 +157,6 @@ def _append(
     place, total = running_count(which)
     place = jnp.where(which, count + place - 1, rows.shape[0])
     return rows.at[place].set(new, mode="drop"), count + total
-
-
-def running_count(which: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """How many are true up to and including each, and in all."""
-    # Two small products with a triangle of ones cost a fraction of a cumulative sum.
-    side = 64
-    table = jnp.pad(which, (0, -len(which) % side)).reshape(-1, side).astype(jnp.float32)
-    within = jnp.matmul(table, jnp.triu(jnp.ones((side, side), jnp.float32)), precision="highest")
-    before = jnp.cumsum(within[:, -1])
-    count = within + (before - within[:, -1])[:, None]
-    return count.reshape(-1)[: len(which)].astype(jnp.int32), before[-1].astype(jnp.int32)
 
 
 def _step(arm: Arm, columns: jax.Array, state: _State) -> _State:

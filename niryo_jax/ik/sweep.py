@@ -17,6 +17,7 @@ import numpy as np
 from niryo_jax import lanes
 from niryo_jax.ik import condition
 from niryo_jax.ik.arm import Arm
+from niryo_jax.ik.arrange import in_slots
 from niryo_jax.ik.bounds import proves
 from niryo_jax.ik.circle import Circle
 from niryo_jax.ik.posture import Posture, branch_label, joint_angles, spherical_posture
@@ -29,7 +30,8 @@ from niryo_jax.tolerances import (
     SINGULAR_ANGLE,
 )
 
-_SECANTS = 3
+_ROUGH_SECANTS = 3
+_SECANTS = 2
 _MARGIN = 1e-3
 
 
@@ -37,7 +39,7 @@ class Candidates(NamedTuple):
     """Joint vectors of many poses, slots first.
 
     Attributes:
-        q: n lanes of shape (slots, batch).
+        q: n lanes for `in_slots`.
         exists: (slots, batch) whether a slot holds a candidate.
         label: (slots, batch) of `branch_label`.
         singularity: (slots, batch) a `Singularity`.
@@ -67,10 +69,12 @@ def sweep(arm: Arm, circle: Circle, batch: int, dtype: np.dtype) -> Candidates:
     proved, brackets = _brackets(*condition.scan(rough, rough_circle, batch, np.float32))
     exists, *ends = (x.reshape(8, batch) for x in brackets)
     signs = condition.branch_signs(jnp.tile(jnp.arange(4), 2)[:, None], np.float32)
-    root = _secants(lambda t: condition.at(rough, rough_circle, signs, t).f, _start(*ends))
+    root = _secants(
+        lambda t: condition.at(rough, rough_circle, signs, t).f, _start(*ends), _ROUGH_SECANTS
+    )
     root = _Root(*(x.astype(dtype) for x in root))
     elbow, shoulder = (sign.astype(dtype) for sign in signs)
-    root = _secants(lambda t: condition.at(arm, circle, (elbow, shoulder), t).f, root)
+    root = _secants(lambda t: condition.at(arm, circle, (elbow, shoulder), t).f, root, _SECANTS)
     found = condition.at(arm, circle, (elbow, shoulder), root.t).posture.stored()
     q = lanes.stored(joint_angles(arm, circle, found))
     # What is proved here has simple roots.
@@ -80,19 +84,19 @@ def sweep(arm: Arm, circle: Circle, batch: int, dtype: np.dtype) -> Candidates:
 
 def _brackets(f: jax.Array, remainder: jax.Array) -> tuple[jax.Array, _Brackets]:
     """Whether two roots at most are proved for each branch, and the first and last sign change."""
-    before, after = f[..., :-1, :], f[..., 1:, :]
+    before, after = f[:, :-1], f[:, 1:]
     change = (before > 0) != (after > 0)
-    sure, _ = proves(remainder, condition.WIDTH, before, after)
-    count = jnp.sum(change, axis=(1, 2), dtype=jnp.int32)
-    proved = jnp.all(sure, axis=(0, 1, 2)) & jnp.all(count <= 2, axis=0)
-    number = jnp.arange(condition.NODES, dtype=jnp.int32).reshape(change.shape[1], -1, 1)
-    last = jnp.max(jnp.where(change, number, 0), axis=(1, 2))
+    sure, _ = proves(jnp.repeat(remainder, condition.SHARE, axis=1), condition.WIDTH, before, after)
+    count = jnp.sum(change, axis=1, dtype=jnp.int32)
+    proved = jnp.all(sure, axis=(0, 1)) & jnp.all(count <= 2, axis=0)
+    number = jnp.arange(condition.NODES, dtype=jnp.int32)[:, None]
+    last = jnp.max(jnp.where(change, number, 0), axis=1)
     most = condition.NODES - 1
-    first = most - jnp.max(jnp.where(change, most - number, 0), axis=(1, 2))
+    first = most - jnp.max(jnp.where(change, most - number, 0), axis=1)
     chosen = jnp.stack([last, first])
 
     def pick(values: jax.Array) -> jax.Array:
-        return jnp.sum(jnp.where(number == chosen[:, :, None, None], values, 0.0), axis=(2, 3))
+        return jnp.sum(jnp.where(number == chosen[:, :, None], values, 0.0), axis=2)
 
     low = -np.pi / 2 + condition.WIDTH * chosen.astype(f.dtype)
     exists = jnp.stack([count > 0, count > 1])
@@ -117,7 +121,7 @@ def _start(low: jax.Array, f_low: jax.Array, f_high: jax.Array) -> _Root:
     return _Root(low - _over(f_low, slope), slope, low - _MARGIN, low + condition.WIDTH + _MARGIN)
 
 
-def _secants(f_at: Callable[[jax.Array], jax.Array], root: _Root) -> _Root:
+def _secants(f_at: Callable[[jax.Array], jax.Array], root: _Root, steps: int) -> _Root:
     """The root by secants, which cannot leave its bracket."""
 
     def step(_: int, state: _State) -> _State:
@@ -130,7 +134,7 @@ def _secants(f_at: Callable[[jax.Array], jax.Array], root: _Root) -> _Root:
 
     # No point is known before the first; the slope is.
     start = root, root.t, jnp.zeros_like(root.t)
-    return jax.lax.fori_loop(0, _SECANTS, step, start)[0]
+    return jax.lax.fori_loop(0, steps, step, start)[0]
 
 
 def _over(numerator: jax.Array, denominator: jax.Array) -> jax.Array:
@@ -139,36 +143,33 @@ def _over(numerator: jax.Array, denominator: jax.Array) -> jax.Array:
 
 def spherical(arm: Arm, circle: Circle, batch: int, dtype: np.dtype) -> Candidates:
     """The candidates of a batch of poses of an arm with a spherical wrist, in closed form."""
-    signs = jnp.array([1.0, -1.0], dtype)[:, None]
-    root, shoulder, elbow = (
-        Lane(jnp.tile(jnp.repeat(signs, 4 >> i, 0), (1 << i, 1))) for i in range(3)
-    )
+    # Each sign on an axis of its own: what a sign does not change is computed once for both.
+    signs = jnp.array([1.0, -1.0], dtype)
+    root, shoulder, elbow = (Lane(signs.reshape(2, *[1] * axes)) for axes in (3, 2, 1))
     found = spherical_posture(arm, circle, elbow, shoulder, root).stored()
     q = lanes.stored(joint_angles(arm, circle, found))
     miss = abs(found.dot - arm.wrist_angle)
-    exists = (miss < CLOSED_FORM.of(dtype)) & (found.inside >= 0.0)
-    exists = jnp.broadcast_to(exists, (8, batch))
-    exists = exists & ~_merged(q, batch, dtype)
-    label = jnp.broadcast_to(branch_label(found, q[4]), (8, batch))
-    singularity = _singularity(arm, found, batch, dtype)
+    exists = (miss < CLOSED_FORM.of(dtype)) & (found.inside >= 0.0) & ~_merged(q, batch, dtype)
+    label, singularity = branch_label(found, q[4]), _singularity(arm, found, dtype)
+    exists, label, singularity = (in_slots(x, (8, batch)) for x in (exists, label, singularity))
     return Candidates(q, exists, label, singularity, jnp.ones(batch, bool))
 
 
-def _singularity(arm: Arm, found: Posture, batch: int, dtype: np.dtype) -> jax.Array:
+def _singularity(arm: Arm, found: Posture, dtype: np.dtype) -> jax.Array:
     """Which singularity of a spherical-wrist arm a posture is at."""
     near = SINGULAR_ANGLE.of(dtype)
     along = found.axis_4 @ found.axis_6
     square = found.reach @ found.reach
     at_shoulder = found.from_axis_1 * found.from_axis_1 < (near * near) * square
-    return jnp.select(
-        [
-            jnp.broadcast_to(1.0 - along * along < near * near, (8, batch)),
-            jnp.broadcast_to(at_shoulder & np.bool_(arm.is_planar), (8, batch)),
-            jnp.broadcast_to(abs(found.elbow[1]) < near, (8, batch)),
-        ],
-        [jnp.int32(x) for x in (Singularity.WRIST, Singularity.SHOULDER, Singularity.ELBOW)],
-        jnp.int32(Singularity.NONE),
-    )
+    which = [
+        (Singularity.WRIST, 1.0 - along * along < near * near),
+        (Singularity.SHOULDER, at_shoulder & np.bool_(arm.is_planar)),
+        (Singularity.ELBOW, abs(found.elbow[1]) < near),
+    ]
+    code = Lane(float(Singularity.NONE))
+    for name, here in reversed(which):
+        code = lanes.select(here, float(name), code)
+    return lanes.store(code, by=along).array.astype(jnp.int32)
 
 
 def _merged(q: Lanes, batch: int, dtype: np.dtype) -> jax.Array:
@@ -177,9 +178,9 @@ def _merged(q: Lanes, batch: int, dtype: np.dtype) -> jax.Array:
     for axis in range(3):
         same = jnp.ones((2, 2, batch), bool)
         for lane in q:
-            pair = jnp.moveaxis(lane.array.reshape(2, 2, 2, batch), axis, 0)
-            turn = jnp.abs(pair[1] - pair[0])
+            angle = jnp.broadcast_to(lane.array, merged.shape)
+            turn = jnp.abs(jnp.take(angle, 1, axis) - jnp.take(angle, 0, axis))
             same = same & (jnp.minimum(turn, 2 * np.pi - turn) < SAME_SOLUTION.of(dtype))
         later = jnp.stack([jnp.zeros_like(same), same], axis=axis)
         merged = merged | later
-    return merged.reshape(8, batch)
+    return merged
