@@ -115,7 +115,7 @@ def _cases() -> list[Any]:
         for robot in ("niryo_one", "niryo_ned", "niryo_ned2"):
             add("full", robot, f"count_{count}", _counted(count, 200), 6)
     for robot in sets.RELATIVES:
-        if robot in ("offset_150mm", "all_at_once", "all_spherical"):
+        if robot in ("all_at_once", "all_spherical"):
             add("small", robot, "random", _uniform(60), 7)
         add("full", robot, "random", _uniform(500), 8)
     return out
@@ -318,7 +318,7 @@ SCALES = [pytest.param("small"), pytest.param("full", marks=pytest.mark.complete
 @pytest.mark.parametrize(
     ("scale", "name"),
     [
-        *(pytest.param("small", name) for name in ("niryo_one", "niryo_ned2", "spherical")),
+        *(pytest.param("small", name) for name in ("niryo_one", "spherical")),
         *(pytest.param("full", name, marks=pytest.mark.completeness) for name in sets.NAMED),
     ],
 )

@@ -33,7 +33,7 @@ def ramp(change, samples=200):
     return START + np.linspace(0, 1, samples)[:, None] * np.array(change)
 
 
-def smooth(arm, rng, samples=400):
+def smooth(arm, rng, samples=256):
     """A random joint path (samples, 6) of three harmonics within the limits."""
     time = np.linspace(0, 1, samples)[:, None]
     size, phase = rng.uniform(-1, 1, (3, 6)), rng.uniform(0, 2 * np.pi, (3, 6))
@@ -82,7 +82,7 @@ def test_the_path_of_joints_that_made_the_poses_is_found_again(name):
         assert path.ok.all(), path.message
         np.testing.assert_allclose(path.q, q, atol=1e-6)
         assert np.all(path.label >= 0)
-        assert path.message == "The whole path was followed, all 400 samples."
+        assert path.message == "The whole path was followed, all 256 samples."
 
 
 def test_a_path_out_of_reach_ends_at_its_last_reachable_pose(niryo):
