@@ -105,7 +105,14 @@ def test_rates_by_pose_and_geometry_are_those_of_finite_differences(rng, size):
     assert backward == pytest.approx(forward, rel=1e-9)
 
 
-def test_second_derivatives(rng):
+@pytest.mark.parametrize(
+    "gradient_of",
+    [
+        pytest.param(jax.jacfwd, id="forward"),
+        pytest.param(jax.jacrev, id="hessian", marks=pytest.mark.completeness),
+    ],
+)
+def test_second_derivatives(rng, gradient_of):
     pose = nj.forward_kinematics(ROBOT, jnp.array([0.3, -0.4, 0.5, 0.6, -0.7, 0.8]))
     twist = jnp.asarray(rng.standard_normal((2, 6)))
 
@@ -114,9 +121,10 @@ def test_second_derivatives(rng):
         return jnp.sum(jnp.sin(q[:4]) ** 2)
 
     def gradient(x):
-        slope = jax.grad(height)(x)
+        slope = gradient_of(height)(x)
         return slope, slope
 
+    # One program for both: the solver is compiled once.
     both = jax.jit(jax.jacfwd(gradient, has_aux=True))
     hessian, _ = both(jnp.zeros(2))
     step = 1e-5 * jnp.eye(2)

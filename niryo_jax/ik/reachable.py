@@ -16,7 +16,7 @@ from niryo_jax.tolerances import REACH_EDGE
 
 _COARSE = 64
 _FINE = 16
-_GROUPS = (1, 8, 128)
+_GROUPS = (4, 128)
 
 
 def nearest_reachable(
