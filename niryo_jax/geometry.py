@@ -150,8 +150,9 @@ def on_robot(function: Callable[..., Result]) -> Callable[..., Result]:
         whole = not is_concrete(*leaves)
         pattern, rest = _pattern_of(robot, whole)
         if not whole:
-            # JAX refuses compiler options inside a function that a caller compiles.
-            with contextlib.suppress(ValueError):
+            # JAX refuses compiler options inside a function that a caller compiles, and XLA those
+            # that it does not know.
+            with contextlib.suppress(ValueError, jax.errors.JaxRuntimeError):
                 return own(pattern, static, rest, *arrays)
         return concrete(pattern, static, rest, *arrays)
 

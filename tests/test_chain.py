@@ -306,6 +306,8 @@ def test_a_robot_as_an_argument_of_jit_gives_what_the_concrete_one_gives(rng, ki
     concrete = fk(robot, q)
     np.testing.assert_allclose(jax.jit(fk)(robot, q), concrete, atol=1e-13)
     np.testing.assert_allclose(jax.jit(lambda q: fk(robot, q))(q), concrete, atol=1e-14)
+    constant = jax.jit(lambda factor: factor * fk(robot, np.asarray(q)))
+    np.testing.assert_allclose(constant(1.0), concrete, atol=1e-14)
 
 
 def test_a_batch_of_robots_by_vmap_by_replace_and_by_its_arrays(rng):
