@@ -12,6 +12,7 @@ from support import BATCHES, DATA
 
 import niryo_jax as nj
 from niryo_jax.ik import BranchStatus, seeded_branches, wrap_into_limits
+from niryo_jax.ik.batches import running_count
 
 CASES = json.loads((DATA / "niryo_one_ik.json").read_text())["cases"]
 POSES = np.array([case["pose"] for case in CASES])
@@ -25,6 +26,13 @@ def apart(a, b):
 @pytest.fixture(scope="module")
 def answer():
     return nj.inverse_kinematics(nj.robots.niryo_one(), POSES)
+
+
+def test_rows_are_counted_exactly_beyond_the_whole_numbers_of_float32():
+    size = 2**24 + 100
+    count, total = running_count(np.ones(size, bool))
+    assert total == size
+    np.testing.assert_array_equal(count[-100:], np.arange(size - 99, size + 1))
 
 
 def test_an_answer_that_newton_raphson_takes_across_pi_stays_right():
@@ -87,7 +95,7 @@ def test_forward_kinematics_of_every_answer_is_the_pose(rng, name, dtype):
     assert error[answer.found].max() < (1e-9 if dtype == np.float64 else 3e-5)
     assert np.all(np.isinf(answer.position_error[~answer.found]))
     near, ok = answer.nearest(q)
-    tolerance, share = (1e-6, 1.0) if dtype == np.float64 else (1e-2, 0.99)
+    tolerance, share = (1e-6, 1.0) if dtype == np.float64 else (1e-2, 0.999)
     assert np.mean(np.asarray(ok) & (apart(near, q) < tolerance)) >= share
     assert np.mean(answer.status == nj.IKStatus.SOLVED) >= share
 

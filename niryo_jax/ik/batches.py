@@ -85,10 +85,12 @@ def for_each_chunk(
 
 def running_count(which: jax.Array) -> tuple[jax.Array, jax.Array]:
     """How many are true up to and including each, and in all."""
-    # Two small products with a triangle of ones cost a fraction of a cumulative sum.
+    # A small product with a triangle of ones costs a fraction of a cumulative sum.
     side = 64
     table = jnp.pad(which, (0, -len(which) % side)).reshape(-1, side).astype(jnp.float32)
     within = jnp.matmul(table, jnp.triu(jnp.ones((side, side), jnp.float32)), precision="highest")
+    # Whole numbers of float32 are exact in a row of the table, not in a batch of many millions.
+    within = within.astype(jnp.int32)
     before = jnp.cumsum(within[:, -1])
     count = within + (before - within[:, -1])[:, None]
-    return count.reshape(-1)[: len(which)].astype(jnp.int32), before[-1].astype(jnp.int32)
+    return count.reshape(-1)[: len(which)], before[-1]
