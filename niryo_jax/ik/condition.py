@@ -10,7 +10,7 @@ import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.ik.arm import Arm
-from niryo_jax.ik.bounds import remainder_bound
+from niryo_jax.ik.bounds import proves, remainder_bound
 from niryo_jax.ik.circle import Circle
 from niryo_jax.ik.posture import Posture, posture
 from niryo_jax.lanes import Lane
@@ -50,8 +50,8 @@ def scan(
     """The condition all along the curve.
 
     Returns:
-        (4, NODES + 1, batch) f of each branch at the nodes; and (4, SEGMENTS, batch) the
-        `remainder_bound` of the segments, of SHARE intervals each.
+        (4, NODES + 1, batch) f of each branch at the nodes; and (4, NODES, batch) of which
+        intervals it `proves` what they hold, with one bound for each of SEGMENTS segments.
     """
     # Elbow and shoulder on axes of their own: what one of them does not change is shared.
     one = jnp.array([1.0, -1.0], dtype)
@@ -71,7 +71,9 @@ def scan(
     f = posture_at(np.arange(NODES + 1))[0].dot - arm.wrist_angle
     middle, sin_cos = posture_at(SHARE * np.arange(SEGMENTS) + SHARE // 2)
     remainder = remainder_bound(arm, circle, middle, sin_cos, np.pi / 2 / SEGMENTS)
-    return branches(f, f, NODES + 1), branches(remainder, middle.dot, SEGMENTS)
+    values = branches(f, f, NODES + 1)
+    bound = jnp.repeat(branches(remainder, middle.dot, SEGMENTS), SHARE, axis=1)
+    return values, proves(bound, WIDTH, values[:, :-1], values[:, 1:])[0]
 
 
 def node(number: np.ndarray) -> np.ndarray:

@@ -128,10 +128,8 @@ def _first_intervals(
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """The intervals to begin with, (i, 6), which of them are settled, which hold a root."""
     rows, dtype = columns.shape[0], columns.dtype
-    f, remainder = condition.scan(arm, read_circle(columns), rows, dtype)
+    f, certain = condition.scan(arm, read_circle(columns), rows, dtype)
     before, after = f[:, :-1], f[:, 1:]
-    remainder = jnp.repeat(remainder, condition.SHARE, axis=1)
-    certain, _ = proves(remainder, condition.WIDTH, before, after)
     number = np.arange(condition.NODES)[:, None]
     fields = [
         jnp.arange(rows, dtype=dtype),

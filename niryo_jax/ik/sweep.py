@@ -18,7 +18,6 @@ from niryo_jax import lanes
 from niryo_jax.ik import condition
 from niryo_jax.ik.arm import Arm
 from niryo_jax.ik.arrange import in_slots
-from niryo_jax.ik.bounds import proves
 from niryo_jax.ik.circle import Circle
 from niryo_jax.ik.posture import Posture, branch_label, joint_angles, spherical_posture
 from niryo_jax.ik.solutions import Singularity
@@ -82,11 +81,10 @@ def sweep(arm: Arm, circle: Circle, batch: int, dtype: np.dtype) -> Candidates:
     return Candidates(q, exists, branch_label(found, q[4]), regular, proved)
 
 
-def _brackets(f: jax.Array, remainder: jax.Array) -> tuple[jax.Array, _Brackets]:
+def _brackets(f: jax.Array, sure: jax.Array) -> tuple[jax.Array, _Brackets]:
     """Whether two roots at most are proved for each branch, and the first and last sign change."""
     before, after = f[:, :-1], f[:, 1:]
     change = (before > 0) != (after > 0)
-    sure, _ = proves(jnp.repeat(remainder, condition.SHARE, axis=1), condition.WIDTH, before, after)
     count = jnp.sum(change, axis=1, dtype=jnp.int32)
     proved = jnp.all(sure, axis=(0, 1)) & jnp.all(count <= 2, axis=0)
     number = jnp.arange(condition.NODES, dtype=jnp.int32)[:, None]

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from niryo_jax.lanes.scalar import ZERO, Lane, Lanes, lanes_of, map_lanes, select, sqrt, store
+from niryo_jax.lanes.scalar import ZERO, Lane, Lanes, lanes_of, select, sqrt, store, stored
 
 
 def identity(size: int) -> Lanes:
@@ -81,7 +81,7 @@ def orthogonalise(rows: Lanes, tolerance: float) -> Orthogonal:
     A row of which less than the share `tolerance` is independent of those before it is dependent.
     """
     count = len(rows)
-    basis, lower = map_lanes(store, rows), lanes_of(np.zeros((count, count)))
+    basis, lower = stored(rows), lanes_of(np.zeros((count, count)))
     reciprocals = lanes_of(np.zeros(count))
     for i in range(count):
         whole = norm(basis[i])
@@ -92,7 +92,7 @@ def orthogonalise(rows: Lanes, tolerance: float) -> Orthogonal:
         independent = rest > tolerance * whole
         reciprocals[i] = store(select(independent, 1.0 / select(independent, rest, 1.0), 0.0))
         lower[i, i] = rest
-        basis[i] = map_lanes(store, basis[i] * reciprocals[i])
+        basis[i] = stored(basis[i] * reciprocals[i])
     return Orthogonal(basis, lower, reciprocals)
 
 
