@@ -77,6 +77,11 @@ CONDITION_ROUNDING = ByDtype(4e-15, 2e-6)
 """The condition of an offset-wrist arm (a cosine) is computed to within this, for a
 pose within rounding of the one that is given."""
 
+ELBOW_ROUNDING = ByDtype(0.0, 1e-6)
+"""The rounding of a pose moves the condition by less than this over the sine of the elbow angle. In
+float64 CONDITION_ROUNDING covers it: no pose was found that needs more, and more leaves poses next
+to a stretched elbow without a proof."""
+
 SECANT = ByDtype(1e-9, 1e-3)
 """Two points nearer to each other than this (radians) tell the rounding of the condition of an
 offset-wrist arm, not its slope."""

@@ -315,6 +315,10 @@ def test_limits_and_status_tell_the_truth(case):
 SCALES = [pytest.param("small"), pytest.param("full", marks=pytest.mark.completeness)]
 
 
+NEARLY_STRETCHED = [[-0.25339369, -0.61593226, 1.44003797, 0.81947834, 0.45196748, -0.73719575]]
+"""Of the Niryo One: its solution and another all but merge where rounding moves the elbow most."""
+
+
 @pytest.mark.parametrize(
     ("scale", "name"),
     [
@@ -325,6 +329,7 @@ SCALES = [pytest.param("small"), pytest.param("full", marks=pytest.mark.complete
 def test_float32_finds_nearly_all_and_nothing_spurious(scale, name, record_property):
     arm = sets.robot(name)
     q = sets.in_limits(arm, 5000 if scale == "full" else 200, np.random.default_rng(11))
+    q = np.concatenate([NEARLY_STRETCHED, q])
     poses = sets.poses_of(arm, q)
     rounded = poses.astype(np.float32)
     truth, answer = sets.solve(arm, poses), answers(arm, rounded)

@@ -14,13 +14,14 @@ import math
 
 import jax
 import jax.numpy as jnp
+from jax.typing import DTypeLike
 
 from niryo_jax import lanes
 from niryo_jax.ik.arm import Arm
 from niryo_jax.ik.circle import Circle, HalfAngle
 from niryo_jax.ik.posture import Posture
 from niryo_jax.lanes import Lane
-from niryo_jax.tolerances import CONDITION_ROUNDING
+from niryo_jax.tolerances import CONDITION_ROUNDING, ELBOW_ROUNDING
 
 # Its power 1.5 must not underflow in float32.
 _TINY = 1e-20
@@ -115,11 +116,28 @@ def _square(x: Lane) -> Lane:
     return x * x
 
 
+def pose_rounding(sin_elbow: jax.Array, given: DTypeLike) -> jax.Array | float:
+    """How far f can be from that of a pose within rounding of the one that is given.
+
+    The target fixes sin^2(E/2), so that its rounding moves E by more the nearer sin E is to zero.
+
+    Args:
+        sin_elbow: the least |sin E| of what is asked about.
+        given: the dtype in which the pose is given.
+    """
+    rounding, elbow = CONDITION_ROUNDING.of(sin_elbow.dtype), ELBOW_ROUNDING.of(given)
+    if elbow == 0.0:
+        return rounding
+    least = float(jnp.finfo(given).eps) ** 0.5
+    return rounding + elbow / jnp.maximum(sin_elbow, least)
+
+
 def proves(
     remainder: jax.Array,
     width: jax.Array | float,
     f_low: jax.Array,
     f_high: jax.Array,
+    rounding: jax.Array | float,
 ) -> tuple[jax.Array, jax.Array]:
     """What the bound proves of intervals no wider than 0.22.
 
@@ -127,14 +145,15 @@ def proves(
         remainder: m of `remainder_bound`, for the whole interval.
         width: of the interval.
         f_low, f_high: the condition at its ends.
+        rounding: what separates f from zero must be more than this.
 
     Returns:
         Whether it is proved that the interval holds one root if its ends differ in sign and none
         otherwise; and how far the condition can be from its chord.
     """
-    rounding = CONDITION_ROUNDING.of(f_low.dtype)
     sag = remainder * (width * width)
     change = (f_low > 0) != (f_high > 0)
-    monotone = jnp.abs(f_high - f_low) > 0.62 * sag + rounding
+    # What moves f as a whole moves its root, and does not make another.
+    monotone = jnp.abs(f_high - f_low) > 0.62 * sag + CONDITION_ROUNDING.of(f_low.dtype)
     least = jnp.minimum(jnp.abs(f_low), jnp.abs(f_high))
     return monotone | (~change & (least > 0.14 * sag + rounding)), sag

@@ -10,7 +10,7 @@ import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.ik.arm import Arm
-from niryo_jax.ik.bounds import proves, remainder_bound
+from niryo_jax.ik.bounds import pose_rounding, proves, remainder_bound
 from niryo_jax.ik.circle import Circle
 from niryo_jax.ik.posture import Posture, posture
 from niryo_jax.lanes import Lane
@@ -45,9 +45,19 @@ def at(arm: Arm, circle: Circle, signs: tuple[Lane, Lane], t: jax.Array) -> Poin
 
 
 def scan(
-    arm: Arm, circle: Circle, batch: int, dtype: jax.typing.DTypeLike
+    arm: Arm,
+    circle: Circle,
+    batch: int,
+    dtype: jax.typing.DTypeLike,
+    given: jax.typing.DTypeLike,
 ) -> tuple[jax.Array, jax.Array]:
     """The condition all along the curve.
+
+    Args:
+        arm, circle: the numbers of the arm and of the targets.
+        batch: how many targets.
+        dtype: of the numbers.
+        given: the dtype in which the targets are given.
 
     Returns:
         (4, NODES + 1, batch) f of each branch at the nodes; and (4, NODES, batch) of which
@@ -68,12 +78,16 @@ def scan(
         array = jnp.broadcast_to(lanes.store(lane, by).array, (2, 2, nodes, batch))
         return array.reshape(4, nodes, batch)
 
-    f = posture_at(np.arange(NODES + 1))[0].dot - arm.wrist_angle
+    nodes = posture_at(np.arange(NODES + 1))[0]
+    f = nodes.dot - arm.wrist_angle
     middle, sin_cos = posture_at(SHARE * np.arange(SEGMENTS) + SHARE // 2)
     remainder = remainder_bound(arm, circle, middle, sin_cos, np.pi / 2 / SEGMENTS)
     values = branches(f, f, NODES + 1)
     bound = jnp.repeat(branches(remainder, middle.dot, SEGMENTS), SHARE, axis=1)
-    return values, proves(bound, WIDTH, values[:, :-1], values[:, 1:])[0]
+    # |sin E| is least at one end of an interval: sin^2(E/2) is monotone between nodes.
+    sine = branches(abs(nodes.elbow[1]), f, NODES + 1)
+    rounding = pose_rounding(jnp.minimum(sine[:, :-1], sine[:, 1:]), given)
+    return values, proves(bound, WIDTH, values[:, :-1], values[:, 1:], rounding)[0]
 
 
 def node(number: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from niryo_jax import lanes
 from niryo_jax.ik import condition
 from niryo_jax.ik.arm import Arm
 from niryo_jax.ik.batches import running_count
-from niryo_jax.ik.bounds import proves, remainder_bound
+from niryo_jax.ik.bounds import pose_rounding, proves, remainder_bound
 from niryo_jax.ik.circle import Circle, read_circle
 from niryo_jax.ik.posture import Posture, crossing_posture
 from niryo_jax.lanes import Lane
@@ -128,7 +128,7 @@ def _first_intervals(
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """The intervals to begin with, (i, 6), which of them are settled, which hold a root."""
     rows, dtype = columns.shape[0], columns.dtype
-    f, certain = condition.scan(arm, read_circle(columns), rows, dtype)
+    f, certain = condition.scan(arm, read_circle(columns), rows, dtype, dtype)
     before, after = f[:, :-1], f[:, 1:]
     number = np.arange(condition.NODES)[:, None]
     fields = [
@@ -172,7 +172,10 @@ def _step(arm: Arm, columns: jax.Array, state: _State) -> _State:
     remainder = lanes.store(
         remainder_bound(arm, circle, found, t, Lane(reach)), by=Lane(f_middle)
     ).array
-    touching = jnp.abs(f_middle) < SQUARE_ROOT_END
+    # |dE/dt| is at most 2.
+    sine = lanes.store(abs(found.elbow[1]), by=Lane(f_middle)).array
+    rounding = pose_rounding(sine - 2.0 * reach, dtype)
+    touching = jnp.abs(f_middle) < jnp.maximum(SQUARE_ROOT_END, rounding)
     crossing = jnp.zeros_like(live)
     if arm.is_planar:
         distance = lanes.store(found.from_axis_1 + arm.radius * 2.0 * reach)
@@ -181,7 +184,7 @@ def _step(arm: Arm, columns: jax.Array, state: _State) -> _State:
     halves, certain, roots = list[jax.Array](), list[jax.Array](), list[jax.Array]()
     for a, b, f_a, f_b in ((low, middle, f_low, f_middle), (middle, high, f_middle, f_high)):
         change = (f_a > 0) != (f_b > 0)
-        proved, sag = proves(remainder, reach, f_a, f_b)
+        proved, sag = proves(remainder, reach, f_a, f_b, rounding)
         flat = sag + reach * reach * 1e-2 < CONDITION_ROUNDING.of(dtype)
         narrow = flat | (reach < NARROWEST.of(dtype))
         # Each half of a crossing stands for one of its two roots, on whatever branch it is met.

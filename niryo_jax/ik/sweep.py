@@ -65,7 +65,7 @@ def sweep(arm: Arm, circle: Circle, batch: int, dtype: np.dtype) -> Candidates:
     """The candidates of a batch of poses, two for each branch."""
     # The scan asks for no more than the signs of f and a bound with an allowance for rounding.
     rough, rough_circle = arm.astype(np.float32), circle.astype(np.float32)
-    proved, brackets = _brackets(*condition.scan(rough, rough_circle, batch, np.float32))
+    proved, brackets = _brackets(*condition.scan(rough, rough_circle, batch, np.float32, dtype))
     exists, *ends = (x.reshape(8, batch) for x in brackets)
     signs = condition.branch_signs(jnp.tile(jnp.arange(4), 2)[:, None], np.float32)
     root = _secants(
