@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 import niryo_jax as nj
-from benchmarks.core import numpy_forward_kinematics, numpy_space_jacobian
+from benchmarks.reference import forward_kinematics, space_jacobian
 from niryo_jax.robots import NIRYO_ONE
 
 CLOSES = 1e-6
@@ -102,7 +102,7 @@ def poses_of(robot: nj.Robot, q: np.ndarray) -> np.ndarray:
     """(N, n) -> (N, 4, 4), in pieces so that the memory needed is that of the result."""
     pose = np.empty((len(q), 4, 4))
     for i in range(0, len(q), CHUNK):
-        pose[i : i + CHUNK] = numpy_forward_kinematics(robot, q[i : i + CHUNK])
+        pose[i : i + CHUNK] = forward_kinematics(robot, q[i : i + CHUNK])
     return pose
 
 
@@ -138,11 +138,11 @@ def polished(robot: nj.Robot, q: np.ndarray, pose: np.ndarray, steps: int = 12) 
     """
     best, error = q, np.add(*misses(robot, q, pose))
     for _ in range(steps):
-        reached = numpy_forward_kinematics(robot, best)
+        reached = forward_kinematics(robot, best)
         turn = pose[:, :3, :3] @ np.swapaxes(reached[:, :3, :3], 1, 2)
         w, p = _axial(turn), reached[:, :3, 3]
         twist = np.concatenate([w, pose[:, :3, 3] - p - np.cross(w, p)], axis=1)
-        jacobian = numpy_space_jacobian(robot, best)
+        jacobian = space_jacobian(robot, best)
         transposed = np.swapaxes(jacobian, 1, 2)
         damping = (error**2 + 1e-30)[:, None, None] * np.eye(q.shape[1])
         step = np.linalg.solve(transposed @ jacobian + damping, transposed @ twist[..., None])

@@ -14,7 +14,7 @@ from jax.typing import ArrayLike
 from niryo_jax import lanes
 from niryo_jax.geometry import Geometry, on_robot
 from niryo_jax.lanes import Lane, Lanes
-from niryo_jax.lanes.batching import as_floating, on_lanes
+from niryo_jax.lanes.batching import as_floating, on_joints
 from niryo_jax.lie import se3, so3
 from niryo_jax.robot import Robot
 
@@ -37,7 +37,7 @@ def forward_kinematics(robot: Robot, q: ArrayLike) -> jax.Array:
 
 @on_robot
 def _forward_kinematics(geometry: Geometry, q: ArrayLike) -> jax.Array:
-    return on_lanes(lambda q: se3.assemble(*tool_motion(geometry, q)), ("q", q, (geometry.joints,)))
+    return on_joints(lambda q: se3.assemble(*tool_motion(geometry, q)), q, geometry.joints)
 
 
 def link_poses(robot: Robot, q: ArrayLike, homes: ArrayLike | None = None) -> jax.Array:
@@ -70,7 +70,7 @@ def _link_poses(geometry: Geometry, q: ArrayLike, homes: ArrayLike) -> jax.Array
         )
 
     n = geometry.joints
-    return on_lanes(poses, ("q", q, (n,)), ("homes", homes, (n, 4, 4)))
+    return on_joints(poses, q, n, ("homes", homes, (n, 4, 4)))
 
 
 Motion = tuple[Lanes, Lanes]

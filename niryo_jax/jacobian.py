@@ -17,7 +17,7 @@ from niryo_jax import lanes
 from niryo_jax.chain import Motion, compose, link_motions, tool_motion
 from niryo_jax.geometry import Geometry, on_robot
 from niryo_jax.lanes import Lanes
-from niryo_jax.lanes.batching import on_lanes
+from niryo_jax.lanes.batching import on_joints, on_lanes
 from niryo_jax.lie import se3
 from niryo_jax.robot import Robot
 from niryo_jax.tolerances import DEPENDENT_ROW
@@ -43,9 +43,7 @@ def space_jacobian(robot: Robot, q: ArrayLike) -> jax.Array:
 
 @on_robot
 def _space_jacobian(geometry: Geometry, q: ArrayLike) -> jax.Array:
-    return on_lanes(
-        lambda q: pose_and_jacobian(geometry, q, "space")[1], ("q", q, (geometry.joints,))
-    )
+    return on_joints(lambda q: pose_and_jacobian(geometry, q, "space")[1], q, geometry.joints)
 
 
 def body_jacobian(robot: Robot, q: ArrayLike) -> jax.Array:
@@ -66,9 +64,7 @@ def body_jacobian(robot: Robot, q: ArrayLike) -> jax.Array:
 
 @on_robot
 def _body_jacobian(geometry: Geometry, q: ArrayLike) -> jax.Array:
-    return on_lanes(
-        lambda q: pose_and_jacobian(geometry, q, "body")[1], ("q", q, (geometry.joints,))
-    )
+    return on_joints(lambda q: pose_and_jacobian(geometry, q, "body")[1], q, geometry.joints)
 
 
 def autodiff_space_jacobian(robot: Robot, q: ArrayLike) -> jax.Array:
@@ -92,7 +88,7 @@ def _autodiff_space_jacobian(geometry: Geometry, q: ArrayLike) -> jax.Array:
     n = geometry.joints
 
     def pose(q: jax.Array) -> jax.Array:
-        return on_lanes(lambda q: se3.assemble(*tool_motion(geometry, q)), ("q", q, (n,)))
+        return on_joints(lambda q: se3.assemble(*tool_motion(geometry, q)), q, n)
 
     q = jnp.asarray(q)
     value = pose(q)

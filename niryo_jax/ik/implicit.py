@@ -16,7 +16,7 @@ from niryo_jax import lanes
 from niryo_jax.geometry import Geometry
 from niryo_jax.ik.error import near_twist
 from niryo_jax.jacobian import pose_and_jacobian
-from niryo_jax.lanes.batching import on_lanes
+from niryo_jax.lanes.batching import on_joints, on_lanes
 from niryo_jax.tolerances import DEPENDENT_ROW
 
 
@@ -42,9 +42,7 @@ def implicit_rate(
         )
 
     _, rate = jax.jvp(twist, (geometry, target), tangents)
-    jacobian = on_lanes(
-        lambda q: pose_and_jacobian(geometry, q, "body", stored=True)[1], ("q", q, (n,))
-    )
+    jacobian = on_joints(lambda q: pose_and_jacobian(geometry, q, "body", stored=True)[1], q, n)
     solved = solved[..., None]
     solve = _solve_square if n == 6 else _solve
     return jnp.where(solved, solve(jacobian, jnp.where(solved, rate, 0.0)), 0.0)

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from niryo_jax.lanes.scalar import Lane, Lanes, pack, unpack
+from niryo_jax.lanes.scalar import Lane, Lanes, pack, store, unpack
+from niryo_jax.lanes.trigonometry import Angle, sincos
 
 Edge = tuple[str, ArrayLike, tuple[int, ...]]
 """An argument's name, its value and the shape of its last axes (-1: any length)."""
@@ -60,3 +61,22 @@ def on_lanes(function: Callable[..., Any], *edges: Edge) -> Any:
         return pack(lanes, jnp.broadcast_shapes(batch, *shapes), dtype)
 
     return tuple(map(pack_one, result)) if isinstance(result, tuple) else pack_one(result)
+
+
+def on_joints(function: Callable[..., Any], q: ArrayLike, joints: int, *edges: Edge) -> Any:
+    """`on_lanes` of a function whose first argument is a joint vector (..., n).
+
+    Sines and cosines are computed for whole joint vectors, which lie contiguous in memory, and
+    kept: XLA would compute them for one pose at a time, and again for each result.
+    """
+    q = as_floating("q", q)
+    sin, cos = (store(part).array for part in sincos(Lane(q)))
+
+    def with_angles(q: Lanes, sin: Lanes, cos: Lanes, *rest: Lanes) -> Any:
+        angles = np.empty(len(q), dtype=object)
+        for i, of_joint in enumerate(zip(q, sin, cos)):
+            angles[i] = Angle(*of_joint)
+        return function(angles, *rest)
+
+    shape = (joints,)
+    return on_lanes(with_angles, ("q", q, shape), ("q", sin, shape), ("q", cos, shape), *edges)

@@ -178,6 +178,16 @@ def _atan2_jvp(
     return _atan2(y, x), (w / square) * tangents[0] - (u / square) * tangents[1]
 
 
+class Angle(Lane):
+    """A lane whose sine and cosine have been computed already."""
+
+    __slots__ = ("turn",)
+
+    def __init__(self, angle: Lane, sin: Lane, cos: Lane) -> None:
+        super().__init__(angle.value)
+        self.turn = sin, cos
+
+
 def sincos(angle: Lane) -> tuple[Lane, Lane]:
     """Sine and cosine together.
 
@@ -185,6 +195,8 @@ def sincos(angle: Lane) -> tuple[Lane, Lane]:
     beyond, the error is that of changing the angle by an ulp. NaN for NaN, infinity, and angles
     whose ulp exceeds a radian.
     """
+    if isinstance(angle, Angle):
+        return angle.turn
     if isinstance(angle.value, float):
         known = angle.value if math.isfinite(angle.value) else math.nan
         return Lane(math.sin(known)), Lane(math.cos(known))
