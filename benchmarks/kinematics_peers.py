@@ -50,12 +50,13 @@ def urdf(robot: nj.Robot) -> str:
     """A URDF of an arm of revolute joints whose frames are all parallel to the base at home."""
     screws, home = np.asarray(robot.screws), np.asarray(robot.home)
     points = np.cross(screws[:, :3], screws[:, 3:])
-    mass = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
-    lines, before = ['<robot name="arm">', '<link name="link_0"/>'], np.zeros(3)
+    inertia = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    mass = f'<inertial><mass value="1"/>{inertia}</inertial>'
+    lines, before = ['<robot name="arm">', f'<link name="link_0">{mass}</link>'], np.zeros(3)
     for i, (axis, point) in enumerate(zip(screws[:, :3], points)):
         lower, upper = float(robot.lower[i]), float(robot.upper[i])
         lines.append(
-            f'<link name="link_{i + 1}">{mass}</inertial></link>'
+            f'<link name="link_{i + 1}">{mass}</link>'
             f'<joint name="joint_{i + 1}" type="revolute"><parent link="link_{i}"/>'
             f'<child link="link_{i + 1}"/><origin xyz="{_numbers(point - before)}"/>'
             f'<axis xyz="{_numbers(axis)}"/>'

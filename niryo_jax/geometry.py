@@ -97,17 +97,21 @@ def _dtype_of(arrays: tuple[Any, ...]) -> np.dtype:
 Result = TypeVar("Result")
 
 
-def _pattern_of(robot: Robot, whole: bool) -> tuple[Pattern, np.ndarray]:
+def _pattern_of(robot: Robot, whole: bool) -> tuple[Pattern, jax.Array]:
     """The pattern and the arguments of a concrete robot."""
-    cache: dict[bool, tuple[Pattern, np.ndarray]] = robot.__dict__.setdefault("_patterns", {})
-    if whole not in cache:
+    cache: dict[tuple[bool, np.dtype], tuple[Pattern, jax.Array]]
+    cache = robot.__dict__.setdefault("_patterns", {})
+    key = whole, jnp.result_type(float)
+    if key not in cache:
         screws, home = np.asarray(robot.screws), np.asarray(robot.home)
         numbers = np.concatenate([screws.ravel(), home.ravel()])
         # Adding 0.0 turns a negative zero into a positive one, so that both give one program.
         known = [float(x) + 0.0 if whole or x in (0.0, 1.0, -1.0) else None for x in numbers]
         rest = np.array([x for x, number in zip(numbers, known) if number is None])
-        cache[whole] = Pattern(tuple(known), joint_kinds(screws)), rest
-    return cache[whole]
+        # On the device once for all calls; also where the first one comes from a traced function.
+        with jax.ensure_compile_time_eval():
+            cache[key] = Pattern(tuple(known), joint_kinds(screws)), jnp.asarray(rest)
+    return cache[key]
 
 
 def on_robot(function: Callable[..., Result]) -> Callable[..., Result]:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
 
-from niryo_jax.ik.solutions import IKSolutions
+from niryo_jax.ik.solutions import IKSolutions, map_solutions
 from niryo_jax.robot import is_concrete
 
 BLOCK = 256
@@ -31,6 +32,21 @@ def program_size(size: int) -> int:
     return -(-blocks // step) * step * BLOCK
 
 
+@functools.partial(jax.jit, static_argnums=(1, 2), static_argnames="mode")
+def padded_rows(
+    array: jax.Array, axes: int, size: int, mode: Literal["constant", "edge"] = "constant"
+) -> jax.Array:
+    """An array with so many batch axes as one row of elements, with zeros (or the last) behind."""
+    rows = array.reshape(math.prod(array.shape[:axes]), *array.shape[axes:])
+    padding = [(0, size - len(rows)), *[(0, 0)] * (rows.ndim - 1)]
+    return jnp.pad(rows, padding, mode=mode if len(rows) else "constant")
+
+
+def cut_rows(rows: jax.Array, batch: tuple[int, ...]) -> jax.Array:
+    """The first elements of a row, in the shape of their batch."""
+    return rows[: math.prod(batch)].reshape(*batch, *rows.shape[1:])
+
+
 def in_chunks(solve: Callable[[jax.Array], IKSolutions], pose: jax.Array) -> IKSolutions:
     """`solve` of poses (..., 4, 4), which it gets as (chunk, 4, 4), so many at a time.
 
@@ -45,18 +61,16 @@ def in_chunks(solve: Callable[[jax.Array], IKSolutions], pose: jax.Array) -> IKS
     parts = flat.reshape(chunks, chunk, 4, 4)
     if chunks > 1 and not is_concrete(parts):
         answer = jax.lax.map(solve, parts)
-        limits = answer.lower[0], answer.upper[0]
+        answer = dataclasses.replace(answer, lower=answer.lower[0], upper=answer.upper[0])
     else:
         # On concrete poses, programs are shared by all robots whose zeros are in the same places.
-        answers = [solve(part) for part in parts]
-        answer = jax.tree.map(lambda *x: jnp.stack(x), *answers)
-        limits = answers[0].lower, answers[0].upper
+        answer = map_solutions(lambda *x: jnp.stack(x), *[solve(part) for part in parts])
 
     def to_batch(x: jax.Array) -> jax.Array:
         last = x.shape[2:]
         return x.reshape(chunks * chunk, *last)[:size].reshape(*batch, *last)
 
-    return dataclasses.replace(answer.map(to_batch), lower=limits[0], upper=limits[1])
+    return answer.map(to_batch)
 
 
 State = TypeVar("State")

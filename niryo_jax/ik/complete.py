@@ -19,13 +19,14 @@ from niryo_jax import lanes
 from niryo_jax.geometry import Geometry, on_robot
 from niryo_jax.ik.arm import Arm, arm_from
 from niryo_jax.ik.arrange import Answer, Limits, arrange, in_slots
-from niryo_jax.ik.batches import BLOCK, for_each_chunk, program_size
+from niryo_jax.ik.batches import BLOCK, cut_rows, for_each_chunk, padded_rows, program_size
 from niryo_jax.ik.circle import obstacle, wrist_circle
 from niryo_jax.ik.collect import finish
 from niryo_jax.ik.error import closes, misses
 from niryo_jax.ik.implicit import implicit_rate, zero_tangent
+from niryo_jax.ik.parallel import in_parallel
 from niryo_jax.ik.second_pass import by_polish, by_subdivision
-from niryo_jax.ik.solutions import IKSolutions, Obstacle
+from niryo_jax.ik.solutions import IKSolutions, Obstacle, map_solutions
 from niryo_jax.ik.sweep import spherical, sweep
 from niryo_jax.ik.target import Target, make_target
 from niryo_jax.lanes.batching import as_floating, check_shape
@@ -162,22 +163,20 @@ def solve_complete(robot: Robot, pose: ArrayLike) -> IKSolutions:
         numbers = arm_numbers(robot.screws, robot.home, jnp)
     free = np.array([i for i, number in enumerate(known) if number is None])
     arguments = [x.astype(pose.dtype) for x in (numbers[free], robot.lower, robot.upper)]
-    batch, size = pose.shape[:-2], math.prod(pose.shape[:-2])
-    padded = program_size(size)
-    if (padded,) == batch:
-        return _complete(robot, make_target(pose), *arguments, known=known)
-    answer = _complete(robot, make_target(_padded(pose, padded)), *arguments, known=known)
-    return _cut(answer, batch)
 
+    def solve(pose: jax.Array) -> IKSolutions:
+        batch = pose.shape[:-2]
+        padded = program_size(math.prod(batch))
+        if (padded,) == batch:
+            return _complete(robot, make_target(pose), *arguments, known=known)
+        answer = _complete(
+            robot, make_target(padded_rows(pose, len(batch), padded)), *arguments, known=known
+        )
+        return _cut(answer, batch)
 
-@functools.partial(jax.jit, static_argnums=1)
-def _padded(pose: jax.Array, size: int) -> jax.Array:
-    """The poses in one row, and zeros behind them."""
-    pose = pose.reshape(-1, 4, 4)
-    return jnp.pad(pose, ((0, size - len(pose)), (0, 0), (0, 0)))
+    return in_parallel(solve, [pose], pose.shape[:-2], program_size, map_solutions)
 
 
 @functools.partial(jax.jit, static_argnums=1)
 def _cut(answer: IKSolutions, batch: tuple[int, ...]) -> IKSolutions:
-    """The first answers of a row, in the shape of their poses."""
-    return answer.map(lambda x: x[: math.prod(batch)].reshape(*batch, *x.shape[1:]))
+    return answer.map(lambda x: cut_rows(x, batch))

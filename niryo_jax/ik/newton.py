@@ -20,15 +20,17 @@ from jax.typing import ArrayLike
 
 from niryo_jax import lanes
 from niryo_jax.geometry import Geometry, on_robot
+from niryo_jax.ik.batches import cut_rows, padded_rows, program_size, running_count
 from niryo_jax.ik.error import Frame, error_twist, near_twist
 from niryo_jax.ik.implicit import implicit_rate, zero_tangent
-from niryo_jax.ik.target import make_target
+from niryo_jax.ik.parallel import in_parallel
+from niryo_jax.ik.target import Target, make_target
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.robot import Robot
 from niryo_jax.tolerances import DEPENDENT_ROW, NEWTON_POSITION, NEWTON_ROTATION
 
-_BLOCK = 256
+_WIDTH = 512
 _LARGEST_STEP = 0.2
 
 
@@ -111,24 +113,39 @@ def newton_raphson(
     options = _Options(
         frame, position_tolerance, rotation_tolerance, max_iterations, step_limit, damping
     )
-    return _newton_raphson(robot, pose, q0, options=options)
+    pose, q0 = as_floating("pose", pose), as_floating("q0", q0)
+    check_shape("pose", pose, (4, 4))
+    check_shape("q0", q0, (robot.joints,))
+    dtype = jnp.result_type(pose, q0)
+    batch = jnp.broadcast_shapes(pose.shape[:-2], q0.shape[:-1])
+    poses = jnp.broadcast_to(pose, (*batch, 4, 4)).astype(dtype)
+    guesses = jnp.broadcast_to(q0, (*batch, robot.joints)).astype(dtype)
+
+    def solve(pose: jax.Array, q0: jax.Array) -> NewtonResult:
+        batch = q0.shape[:-1]
+        padded = program_size(math.prod(batch))
+        if (padded,) == batch:
+            return _newton_raphson(robot, make_target(pose), q0, options=options)
+        # The last row again, since zeros would take all the steps that are allowed.
+        target = make_target(padded_rows(pose, len(batch), padded, mode="edge"))
+        rows = padded_rows(q0, len(batch), padded, mode="edge")
+        return _cut(_newton_raphson(robot, target, rows, options=options), batch)
+
+    return in_parallel(solve, [poses, guesses], batch, program_size)
+
+
+@functools.partial(jax.jit, static_argnums=1)
+def _cut(result: NewtonResult, batch: tuple[int, ...]) -> NewtonResult:
+    return jax.tree.map(lambda x: cut_rows(x, batch), result)
 
 
 @on_robot
 def _newton_raphson(
-    geometry: Geometry, pose: ArrayLike, q0: ArrayLike, options: _Options
+    geometry: Geometry, target: Target, q0: jax.Array, options: _Options
 ) -> NewtonResult:
-    q0 = as_floating("q0", q0)
-    check_shape("q0", q0, (geometry.joints,))
-    target = make_target(pose)
-    dtype = jnp.result_type(target.pose, q0)
-    batch = jnp.broadcast_shapes(target.pose.shape[:-2], q0.shape[:-1])
-    result = _solve(
-        options,
-        geometry,
-        jnp.broadcast_to(target.pose, (*batch, 4, 4)).astype(dtype),
-        jnp.broadcast_to(q0, (*batch, geometry.joints)).astype(dtype),
-    )
+    batch = q0.shape[:-1]
+    result = _solve(options, geometry, target.pose.reshape(-1, 4, 4), q0.reshape(-1, q0.shape[-1]))
+    result = jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), result)
     usable = target.valid & jnp.isfinite(result.position_error + result.rotation_error)
     return result._replace(
         converged=result.converged & usable,
@@ -137,77 +154,73 @@ def _newton_raphson(
     )
 
 
+class _State(NamedTuple):
+    """Lanes that each work on one row of the batch, and take another when it is done.
+
+    Attributes:
+        row: (w,) the row that each lane works on; the batch's size or more where none is left.
+        q: n of (w,) joint angles.
+        steps: (w,) taken so far on this row.
+        following: the first row that no lane has taken.
+        answers: (size, n + 4) q, iterations, position error, rotation error, converged.
+    """
+
+    row: jax.Array
+    q: list[jax.Array]
+    steps: jax.Array
+    following: jax.Array
+    answers: jax.Array
+
+
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _solve(options: _Options, geometry: Geometry, target: jax.Array, q0: jax.Array) -> NewtonResult:
-    batch = q0.shape[:-1]
-    size = math.prod(batch)
-    if size <= _BLOCK or jax.default_backend() != "cpu":
-        return _iterate(options, geometry, target, q0)
-    # Blocks stay in the cache of a core, and each stops as soon as all of its own have converged.
-    blocks = -(-size // _BLOCK)
-
-    def to_blocks(x: jax.Array, last: int) -> jax.Array:
-        flat = x.reshape(size, *x.shape[x.ndim - last :])
-        padding = [(0, blocks * _BLOCK - size)] + [(0, 0)] * last
-        return jnp.pad(flat, padding, mode="edge").reshape(blocks, _BLOCK, *flat.shape[1:])
-
-    result = jax.lax.map(
-        lambda block: _iterate(options, geometry, *block), (to_blocks(target, 2), to_blocks(q0, 1))
-    )
-    return jax.tree.map(
-        lambda x: x.reshape(blocks * _BLOCK, *x.shape[2:])[:size].reshape(*batch, *x.shape[2:]),
-        result,
-    )
-
-
-def _iterate(
-    options: _Options, geometry: Geometry, target: jax.Array, q0: jax.Array
-) -> NewtonResult:
-    dtype, n = q0.dtype, geometry.joints
+    """The results of rows (size, 4, 4) and (size, n)."""
+    dtype, (size, n) = q0.dtype, q0.shape
+    width = min(size, _WIDTH) if jax.default_backend() == "cpu" else size
     position_tolerance = options.position_tolerance or NEWTON_POSITION.of(dtype)
     rotation_tolerance = options.rotation_tolerance or NEWTON_ROTATION.of(dtype)
 
-    target_lanes = lanes.unpack(target, 2)
-
     def body(state: _State) -> _State:
-        q = np.array([Lane(value) for value in state.q], dtype=object)
-        twist, jacobian, position_error = error_twist(geometry, target_lanes, q, options.frame)
-        jacobian, twist = (
-            lanes.stored(jacobian),
-            lanes.stored(twist),
-        )
+        q = lanes.lanes_of([Lane(angle) for angle in state.q])
+        goal = lanes.columns(target[jnp.minimum(state.row, size - 1)], 2)
+        twist, jacobian, position_error = error_twist(geometry, goal, q, options.frame)
+        jacobian, twist = lanes.stored(jacobian), lanes.stored(twist)
         rotation_error = lanes.norm(twist[:3])
         converged = (position_error <= position_tolerance) & (rotation_error <= rotation_tolerance)
-        stay = converged | (state.steps == options.max_iterations)
-        dq = _step(options, jacobian, twist, dtype)
+        done = converged | (state.steps >= options.max_iterations)
+        flag = lanes.select(converged, 1.0, 0.0)
+        steps = Lane(state.steps.astype(dtype))
+        answer = lanes.lanes_of([*q, steps, position_error, rotation_error, flag])
+        answers = state.answers.at[jnp.where(done, state.row, size)].set(
+            lanes.pack(answer, (width,), dtype), mode="drop"
+        )
+        place, count = running_count(done)
+        row = jnp.where(done, state.following + place - 1, state.row)
+        fresh = lanes.columns(q0[jnp.minimum(row, size - 1)])
+        moved = q + _step(options, jacobian, twist, dtype)
         return _State(
-            steps=state.steps + 1,
-            q=[lanes.select(stay, a, a + b).array for a, b in zip(q, dq)],
-            converged=jnp.asarray(converged),
-            iterations=jnp.where(stay, state.iterations, state.iterations + 1),
-            position_error=position_error.array,
-            rotation_error=rotation_error.array,
+            row=row,
+            q=[lanes.select(done, a, b).array for a, b in zip(fresh, moved)],
+            steps=jnp.where(done, 0, state.steps + 1),
+            following=state.following + count,
+            answers=answers,
         )
 
-    def unfinished(state: _State) -> jax.Array:
-        return (state.steps <= options.max_iterations) & ~jnp.all(state.converged)
-
-    batch = q0.shape[:-1]
     start = _State(
-        steps=jnp.int32(0),
-        q=[q0[..., i] for i in range(n)],
-        converged=jnp.zeros(batch, bool),
-        iterations=jnp.zeros(batch, jnp.int32),
-        position_error=jnp.zeros(batch, dtype),
-        rotation_error=jnp.zeros(batch, dtype),
+        row=jnp.arange(width),
+        q=[q0[:width, i] for i in range(n)],
+        steps=jnp.zeros(width, jnp.int32),
+        following=jnp.asarray(width),
+        answers=jnp.zeros((size, n + 4), dtype),
     )
-    state = jax.lax.while_loop(unfinished, body, start)
+    state = jax.lax.while_loop(lambda state: jnp.any(state.row < size), body, start)
+    steps, position_error, rotation_error, converged = state.answers[:, n:].T
     return NewtonResult(
-        q=jnp.stack(state.q, axis=-1),
-        converged=state.converged,
-        iterations=state.iterations,
-        position_error=state.position_error,
-        rotation_error=state.rotation_error,
+        q=state.answers[:, :n],
+        converged=converged > 0.5,
+        iterations=steps.astype(jnp.int32),
+        position_error=position_error,
+        rotation_error=rotation_error,
     )
 
 
@@ -223,15 +236,6 @@ def refine(geometry: Geometry, target: jax.Array, q: jax.Array, steps: int) -> j
         return lanes.pack(joints + lanes.lanes_of(step), q.shape[:1], q.dtype)
 
     return jax.lax.fori_loop(0, steps, body, q)
-
-
-class _State(NamedTuple):
-    steps: jax.Array
-    q: list[jax.Array]
-    converged: jax.Array
-    iterations: jax.Array
-    position_error: jax.Array
-    rotation_error: jax.Array
 
 
 def _step(options: _Options, jacobian: Lanes, twist: Lanes, dtype: np.dtype) -> Lanes:

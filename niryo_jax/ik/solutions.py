@@ -151,12 +151,7 @@ class IKSolutions:
 
         For example `solutions.map(lambda x: x[0])` for the first pose of a batch.
         """
-        batched = {
-            field.name: function(getattr(self, field.name))
-            for field in dataclasses.fields(self)
-            if field.name not in ("lower", "upper", "periodic")
-        }
-        return dataclasses.replace(self, **batched)
+        return map_solutions(function, self)
 
     def message(self, index: int | tuple[int, ...] = ()) -> str:
         """What became of one pose, in words."""
@@ -196,14 +191,31 @@ class IKSolutions:
         """
         reference = as_floating("q_ref", q_ref).astype(self.q.dtype)
         check_shape("q_ref", reference, (self.q.shape[-1],))
-        target = reference[..., None, :]
-        turned = nearest_turn(self.q, target, self.lower, self.upper, self.periodic)
-        distance = jnp.max(jnp.abs(turned - target), axis=-1)
-        distance = jnp.where(self.within_limits & jnp.isfinite(distance), distance, jnp.inf)
-        best = jnp.argmin(distance, axis=-1)[..., None]
-        ok = jnp.isfinite(jnp.take_along_axis(distance, best, axis=-1))[..., 0]
-        chosen = jnp.take_along_axis(turned, best[..., None], axis=-2)[..., 0, :]
-        return jnp.where(ok[..., None], chosen, reference), ok
+        return _nearest(self, reference)
+
+
+def map_solutions(function: Callable[..., jax.Array], *parts: IKSolutions) -> IKSolutions:
+    """`jax.tree.map` of the arrays with the batch axes in front; the rest is that of the first."""
+    batched = {
+        field.name: function(*(getattr(part, field.name) for part in parts))
+        for field in dataclasses.fields(IKSolutions)
+        if field.name not in ("lower", "upper", "periodic")
+    }
+    return dataclasses.replace(parts[0], **batched)
+
+
+@jax.jit
+def _nearest(solutions: IKSolutions, reference: jax.Array) -> tuple[jax.Array, jax.Array]:
+    target = reference[..., None, :]
+    limits = solutions.lower, solutions.upper
+    turned = nearest_turn(solutions.q, target, *limits, solutions.periodic)
+    distance = jnp.max(jnp.abs(turned - target), axis=-1)
+    distance = jnp.where(solutions.within_limits & jnp.isfinite(distance), distance, jnp.inf)
+    best = jnp.argmin(distance, axis=-1)[..., None]
+    ok = jnp.isfinite(jnp.take_along_axis(distance, best, axis=-1))[..., 0]
+    chosen = jnp.take_along_axis(solutions.q, best[..., None], axis=-2)[..., 0, :]
+    chosen = nearest_turn(chosen, reference, *limits, solutions.periodic)
+    return jnp.where(ok[..., None], chosen, reference), ok
 
 
 def nearest_turn(
