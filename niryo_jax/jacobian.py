@@ -151,25 +151,25 @@ def _volume(rows: jax.Array) -> jax.Array:
 def _volume_jvp(
     primals: tuple[jax.Array], tangents: tuple[jax.Array]
 ) -> tuple[jax.Array, jax.Array]:
-    # d sqrt(det(A A^T)) = sqrt(det(A A^T)) tr(A^+ dA), with A^+ of A = L Q from the factors.
+    # d sqrt(det(A A^T)) = sqrt(det(A A^T)) <G, dA> with G the transpose of A^+; A = L Q gives
+    # L^T G = Q.
     (rows,), (rate,) = primals, tangents
     count, columns = rows.shape[-2:]
     volume = _volume(rows)
     if count > columns:
         return volume, jnp.zeros_like(volume)
 
-    def trace(rows: Lanes, rate: Lanes) -> lanes.Lane:
+    def transposed_inverse(rows: Lanes) -> Lanes:
         basis, lower, reciprocals = lanes.orthogonalise(rows, DEPENDENT_ROW.of(volume.dtype))
-        x = rate @ basis.T
-        out = lanes.Lane(0.0)
-        for j in range(count):
-            for i in range(j + 1):
-                x[i, j] = (x[i, j] - lanes.dot(lower[i, :i], x[:i, j])) * reciprocals[i]
-            out = out + x[j, j]
+        out = basis.copy()
+        for i in reversed(range(count)):
+            for j in range(i + 1, count):
+                out[i] = out[i] - lower[j, i] * out[j]
+            out[i] = lanes.stored(out[i] * reciprocals[i])
         return out
 
-    shape = (count, columns)
-    return volume, volume * on_lanes(trace, ("rows", rows, shape), ("rate", rate, shape))
+    inverse = on_lanes(transposed_inverse, ("rows", rows, (count, columns)))
+    return volume, volume * jnp.sum(inverse * rate, axis=(-1, -2))
 
 
 def singular_values(
