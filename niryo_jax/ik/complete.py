@@ -24,7 +24,7 @@ from niryo_jax.ik.circle import obstacle, wrist_circle
 from niryo_jax.ik.collect import finish
 from niryo_jax.ik.error import closes, misses
 from niryo_jax.ik.implicit import implicit_rate, zero_tangent
-from niryo_jax.ik.parallel import in_parallel
+from niryo_jax.ik.parallel import Spread, on_all_cores, on_each_device, spread_of
 from niryo_jax.ik.second_pass import by_polish, by_subdivision
 from niryo_jax.ik.solutions import IKSolutions, Obstacle, map_solutions
 from niryo_jax.ik.sweep import spherical, sweep
@@ -121,11 +121,15 @@ def _complete(
     lower: jax.Array,
     upper: jax.Array,
     known: Known,
+    spread: Spread | None,
 ) -> IKSolutions:
-    batch = target.valid.shape
-    flat = target.pose.reshape(-1, 4, 4), target.valid.reshape(-1)
-    answer = _answer(known, geometry, numbers, *flat, (lower, upper))
-    slots, reach, proved = jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), answer)
+    def answer(
+        geometry: Geometry, numbers: jax.Array, limits: Limits, pose: jax.Array, valid: jax.Array
+    ) -> Answer:
+        return _answer(known, geometry, numbers, pose, valid, limits)
+
+    answer = on_each_device(answer, spread, same=3)
+    slots, reach, proved = answer(geometry, numbers, (lower, upper), target.pose, target.valid)
     none = proved & ~jnp.any(slots.found, axis=-1)
     why = jnp.where(reach > 0, reach, jnp.where(none, Obstacle.NO_ROOT, Obstacle.NONE))
     return finish(
@@ -164,17 +168,18 @@ def solve_complete(robot: Robot, pose: ArrayLike) -> IKSolutions:
     free = np.array([i for i, number in enumerate(known) if number is None])
     arguments = [x.astype(pose.dtype) for x in (numbers[free], robot.lower, robot.upper)]
 
+    batch = pose.shape[:-2]
+    spread = spread_of(pose, len(batch))
+    parts = spread.parts if spread else 1
+
     def solve(pose: jax.Array) -> IKSolutions:
         batch = pose.shape[:-2]
-        padded = program_size(math.prod(batch))
-        if (padded,) == batch:
-            return _complete(robot, make_target(pose), *arguments, known=known)
-        answer = _complete(
-            robot, make_target(padded_rows(pose, len(batch), padded)), *arguments, known=known
-        )
-        return _cut(answer, batch)
+        padded = parts * program_size(-(-math.prod(batch) // parts))
+        rows = pose if (padded,) == batch else padded_rows(pose, len(batch), padded)
+        answer = _complete(robot, make_target(rows), *arguments, known=known, spread=spread)
+        return answer if rows is pose else _cut(answer, batch)
 
-    return in_parallel(solve, [pose], pose.shape[:-2], program_size, map_solutions)
+    return on_all_cores(solve, [pose], batch, program_size, map_solutions)
 
 
 @functools.partial(jax.jit, static_argnums=1)

@@ -23,7 +23,7 @@ from niryo_jax.geometry import Geometry, on_robot
 from niryo_jax.ik.batches import cut_rows, padded_rows, program_size, running_count
 from niryo_jax.ik.error import Frame, error_twist, near_twist
 from niryo_jax.ik.implicit import implicit_rate, zero_tangent
-from niryo_jax.ik.parallel import in_parallel
+from niryo_jax.ik.parallel import Spread, on_all_cores, on_each_device, spread_of
 from niryo_jax.ik.target import Target, make_target
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import as_floating, check_shape
@@ -121,17 +121,20 @@ def newton_raphson(
     poses = jnp.broadcast_to(pose, (*batch, 4, 4)).astype(dtype)
     guesses = jnp.broadcast_to(q0, (*batch, robot.joints)).astype(dtype)
 
+    spread = spread_of(poses, len(batch))
+    parts = spread.parts if spread else 1
+
     def solve(pose: jax.Array, q0: jax.Array) -> NewtonResult:
         batch = q0.shape[:-1]
-        padded = program_size(math.prod(batch))
+        padded = parts * program_size(-(-math.prod(batch) // parts))
         if (padded,) == batch:
-            return _newton_raphson(robot, make_target(pose), q0, options=options)
+            return _newton_raphson(robot, make_target(pose), q0, options=options, spread=spread)
         # The last row again, since zeros would take all the steps that are allowed.
-        target = make_target(padded_rows(pose, len(batch), padded, mode="edge"))
-        rows = padded_rows(q0, len(batch), padded, mode="edge")
-        return _cut(_newton_raphson(robot, target, rows, options=options), batch)
+        rows, guesses = (padded_rows(x, len(batch), padded, mode="edge") for x in (pose, q0))
+        target = make_target(rows)
+        return _cut(_newton_raphson(robot, target, guesses, options=options, spread=spread), batch)
 
-    return in_parallel(solve, [poses, guesses], batch, program_size)
+    return on_all_cores(solve, [poses, guesses], batch, program_size)
 
 
 @functools.partial(jax.jit, static_argnums=1)
@@ -141,11 +144,10 @@ def _cut(result: NewtonResult, batch: tuple[int, ...]) -> NewtonResult:
 
 @on_robot
 def _newton_raphson(
-    geometry: Geometry, target: Target, q0: jax.Array, options: _Options
+    geometry: Geometry, target: Target, q0: jax.Array, options: _Options, spread: Spread | None
 ) -> NewtonResult:
-    batch = q0.shape[:-1]
-    result = _solve(options, geometry, target.pose.reshape(-1, 4, 4), q0.reshape(-1, q0.shape[-1]))
-    result = jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), result)
+    solve = on_each_device(functools.partial(_solve, options), spread, same=1)
+    result = solve(geometry, target.pose, q0)
     usable = target.valid & jnp.isfinite(result.position_error + result.rotation_error)
     return result._replace(
         converged=result.converged & usable,

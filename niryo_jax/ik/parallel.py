@@ -1,8 +1,9 @@
 """One large batch on all cores, or on all devices that hold it.
 
 XLA runs a loop over blocks of poses on one core, and gathers what is spread over devices before it
-cuts it into blocks. Arrays that are concrete are cut here instead, and each piece is solved in a
-thread of its own: a compiled program does not hold Python's lock.
+cuts it into blocks. So a large batch of concrete arrays is cut here and each piece solved in a
+thread of its own (a compiled program does not hold Python's lock), and what lies on several devices
+becomes one program in which each works on its own rows.
 """
 
 from __future__ import annotations
@@ -11,12 +12,12 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import NamedSharding, PartitionSpec
+from jax.sharding import AbstractMesh, Mesh, NamedSharding, PartitionSpec
 
 from niryo_jax.robot import is_concrete
 
@@ -30,7 +31,54 @@ Result = TypeVar("Result")
 Tree = Callable[..., Any]
 
 
-def in_parallel(
+class Spread(NamedTuple):
+    """How the rows of a batch are spread over the devices of a mesh."""
+
+    mesh: Mesh | AbstractMesh
+    rows: PartitionSpec
+
+    @property
+    def parts(self) -> int:
+        """Into how many parts the rows are cut."""
+        names = jax.tree.leaves(tuple(self.rows))
+        return math.prod(self.mesh.shape[name] for name in names)
+
+
+def spread_of(array: jax.Array, axes: int) -> Spread | None:
+    """How a concrete array lies on several devices; None where it does not."""
+    sharding = array.sharding if is_concrete(array) else None
+    if not isinstance(sharding, NamedSharding) or len(sharding.device_set) == 1:
+        return None
+    names = tuple(jax.tree.leaves(tuple(sharding.spec[:axes])))
+    return Spread(sharding.mesh, PartitionSpec(names)) if names else None
+
+
+def on_each_device(
+    function: Callable[..., Result], spread: Spread | None, same: int
+) -> Callable[..., Result]:
+    """A function of rows as one program in which each device works on its own rows.
+
+    The first `same` arguments are the same for all rows.
+    """
+    if spread is None:
+        return function
+
+    def in_specs(count: int) -> tuple[PartitionSpec, ...]:
+        return (PartitionSpec(),) * same + (spread.rows,) * (count - same)
+
+    def spread_out(*arguments: Any) -> Result:
+        return jax.shard_map(
+            function,
+            mesh=spread.mesh,
+            in_specs=in_specs(len(arguments)),
+            out_specs=spread.rows,
+            check_vma=False,
+        )(*arguments)
+
+    return spread_out
+
+
+def on_all_cores(
     solve: Callable[..., Result],
     arrays: Sequence[jax.Array],
     batch: tuple[int, ...],
@@ -48,15 +96,13 @@ def in_parallel(
     """
     if not is_concrete(*arrays):
         return solve(*arrays)
-    sharding = arrays[0].sharding
-    if isinstance(sharding, NamedSharding) and len(sharding.device_set) > 1:
-        return _on_devices(solve, arrays, batch, sharding, tree_map)
+    devices = arrays[0].sharding.device_set
     size = math.prod(batch)
-    on_cpu = all(device.platform == "cpu" for device in sharding.device_set)
-    pieces = min(_cores(), size // _LEAST) if on_cpu else 1
+    here = len(devices) == 1 and all(device.platform == "cpu" for device in devices)
+    pieces = min(_cores(), size // _LEAST) if here else 1
     if pieces < 2:
         return solve(*arrays)
-    return _on_cores(solve, arrays, batch, size_of_program(-(-size // pieces)), tree_map)
+    return _in_pieces(solve, arrays, batch, size_of_program(-(-size // pieces)), tree_map)
 
 
 def _cores() -> int:
@@ -64,7 +110,7 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _on_cores(
+def _in_pieces(
     solve: Callable[..., Result],
     arrays: Sequence[jax.Array],
     batch: tuple[int, ...],
@@ -93,31 +139,6 @@ def _on_cores(
             return jax.device_put(whole.reshape(*batch, *whole.shape[1:]), may_alias=True)
 
         return tree_map(join, *parts)
-
-
-def _on_devices(
-    solve: Callable[..., Result],
-    arrays: Sequence[jax.Array],
-    batch: tuple[int, ...],
-    sharding: NamedSharding,
-    tree_map: Tree,
-) -> Result:
-    axes = len(batch)
-    shared = NamedSharding(sharding.mesh, PartitionSpec(*sharding.spec[:axes]))
-    arrays = [jax.device_put(array, shared) for array in arrays]
-    shards = list(zip(*(array.addressable_shards for array in arrays)))
-
-    def some(shards: Sequence[Any]) -> Result:
-        return solve(*(shard.data for shard in shards))
-
-    with ThreadPoolExecutor(len(shards)) as pool:
-        parts = _run(pool, some, shards)
-
-    def join(*parts: jax.Array) -> jax.Array:
-        shape = (*batch, *parts[0].shape[axes:])
-        return jax.make_array_from_single_device_arrays(shape, shared, list(parts))
-
-    return tree_map(join, *parts)
 
 
 def _run(pool: ThreadPoolExecutor, function: Callable[..., Result], items: Any) -> list[Result]:

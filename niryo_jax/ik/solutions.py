@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Callable
 from enum import IntEnum
 
 import jax
+import jax.export
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
@@ -192,6 +194,14 @@ class IKSolutions:
         reference = as_floating("q_ref", q_ref).astype(self.q.dtype)
         check_shape("q_ref", reference, (self.q.shape[-1],))
         return _nearest(self, reference)
+
+
+jax.export.register_pytree_node_serialization(
+    IKSolutions,
+    serialized_name="niryo_jax.IKSolutions",
+    serialize_auxdata=lambda aux: json.dumps(aux).encode(),
+    deserialize_auxdata=lambda text: tuple(map(tuple, json.loads(text))),
+)
 
 
 def map_solutions(function: Callable[..., jax.Array], *parts: IKSolutions) -> IKSolutions:
