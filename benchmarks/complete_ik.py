@@ -16,50 +16,33 @@ the run. `--save` writes a dated JSON and a Markdown table to `benchmarks/result
 from __future__ import annotations
 
 import argparse
-import datetime
 import json
 import os
-import platform
-import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-if __name__ == "__main__" and hasattr(os, "sched_setaffinity"):
-    # Before numpy and jax make their threads, which inherit it, as subprocesses do.
-    os.sched_setaffinity(0, [max(os.sched_getaffinity(0))])
+if __name__ == "__main__":
+    from benchmarks.measure import pin_to_one_core
+
+    pin_to_one_core()
 
 import jax
 import numpy as np
 
 import niryo_jax as nj
 from benchmarks import poses as judge
+from benchmarks.measure import Claim, Report, about, header, in_a_process
 from benchmarks.peers import LIBRARIES, Row, Subject, UnsuitedError, theirs
 from benchmarks.poses import ARMS, Answers, Arm
 
-RESULTS = Path(__file__).parent / "results"
 CACHE = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "niryo_jax" / "benchmarks"
 
 GATE = 1e-12
 """Metres and radians by which an answer of ours in float64 may miss: rounding of a chain of six
 motions with lengths below a metre is 1e-15, and the rest allows for poses near singularities."""
-
-PATIENCE = 900
-"""Seconds after which a process of its own is given up."""
-
-
-class Claim(NamedTuple):
-    """A statement about speed or memory, and whether this run bears it out."""
-
-    text: str
-    holds: bool | None
-
-    @property
-    def verdict(self) -> str:
-        """As printed."""
-        return {True: "pass", False: "falls short", None: "not measured"}[self.holds]
 
 
 def ours(arm: Arm, pose: np.ndarray, dtype: str) -> Subject:
@@ -233,25 +216,8 @@ def _peak_memory() -> int:
 
 def in_a_subprocess(probe: str, arm: str, count: int, seed: int, **env: str) -> dict[str, Any]:
     """What a probe prints in a process of its own, on the same core."""
-    command = [sys.executable, "-m", "benchmarks.complete_ik", "--probe", probe, "--arms", arm]
-    command += ["--batches", str(count), "--seed", str(seed)]
-    started = time.perf_counter()
-    try:
-        done = subprocess.run(
-            command,
-            env={**os.environ, **env},
-            cwd=Path(__file__).parents[1],
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=PATIENCE,
-        )
-    except subprocess.TimeoutExpired:
-        return {"error": f"not done after {PATIENCE} s"}
-    if done.returncode != 0:
-        error = done.stderr.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
-        return {"error": error[0]}
-    return {**json.loads(done.stdout.splitlines()[-1]), "process": time.perf_counter() - started}
+    arguments = ["--probe", probe, "--arms", arm, "--batches", str(count), "--seed", str(seed)]
+    return in_a_process("benchmarks.complete_ik", *arguments, **env)
 
 
 def first_calls(arm: str, batch: int, seed: int) -> tuple[dict[str, Any], list[Claim]]:
@@ -376,24 +342,6 @@ def notes(rows: dict[str, list[Row]]) -> str:
     return "\n".join(lines)
 
 
-def about(options: argparse.Namespace) -> dict[str, Any]:
-    """Where and with what this was measured."""
-    versions = {name: library.version for name, library in LIBRARIES.items()}
-    return {
-        "date": datetime.date.today().isoformat(),
-        "machine": platform.machine(),
-        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None,
-        "device": str(jax.devices()[0]),
-        "python": platform.python_version(),
-        "jax": jax.__version__,
-        "numpy": np.__version__,
-        **{name: version for name, version in versions.items() if version},
-        "seed": options.seed,
-        "rounds": options.rounds,
-        "poses compared": options.peer_poses,
-    }
-
-
 def arguments() -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -427,10 +375,17 @@ def main() -> int:
         probe = {"first-call": probe_first_call, "memory": probe_memory}[options.probe]
         print(json.dumps(probe(ARMS[options.arms[0]](), options.batches[0], options.seed)))
         return 0
-    header = ", ".join(f"{k} {v}" for k, v in about(options).items())
-    print(header, flush=True)
+    packages = [library.package for library in LIBRARIES.values()]
+    facts = about(
+        *packages,
+        seed=options.seed,
+        rounds=options.rounds,
+        **{"poses compared": options.peer_poses},
+    )
+    print(header(facts), flush=True)
+    report = Report("All solutions of inverse kinematics", {"about": facts}, [header(facts)])
+    data = report.data
     claims: list[Claim] = []
-    data: dict[str, Any] = {"about": about(options)}
     if "first-call" not in options.skip:
         data["first call"] = {}
         for name in options.arms:
@@ -443,16 +398,15 @@ def main() -> int:
         data["memory"], more = memory(options.memory, options.seed)
         claims += more
     rows: dict[str, list[Row]] = {}
-    text, wrong = [header], []
     for name in options.arms:
         arm = ARMS[name]()
         rows[name], absent, pose, made_by = measure(arm, options)
         print(f"  {name}: comparing the answers", flush=True)
         accuracy, counts = judged(arm, rows[name], pose, made_by, options.peer_poses)
-        wrong += gate(arm, rows[name], accuracy)
-        text += [f"## {name}", speed_table(rows[name], absent), accuracy_table(accuracy)]
+        report.wrong += gate(arm, rows[name], accuracy)
+        report.sections += [f"## {name}", speed_table(rows[name], absent), accuracy_table(accuracy)]
         shares = ", ".join(f"{n}: {counts.count(n)}" for n in sorted(set(counts)))
-        text.append(f"Solutions in the union, and on how many poses: {shares}.")
+        report.sections.append(f"Solutions in the union, and on how many poses: {shares}.")
         data[name] = {
             "rows": [
                 {**r._asdict(), "answers": len(r.answers.q), "rate": r.rate} for r in rows[name]
@@ -461,20 +415,9 @@ def main() -> int:
             "accuracy": accuracy,
             "union counts": counts,
         }
-    claims = speed_claims(rows) + claims
-    text += ["## Notes", notes(rows), "## Claims"]
-    text.append("\n".join(f"- {claim.text}: {claim.verdict}" for claim in claims))
-    text.append("\n".join(f"- WRONG: {line}" for line in wrong) or "- every answer of ours: right")
-    print("\n" + "\n\n".join(text))
-    data |= {"claims": [[c.text, c.verdict] for c in claims], "wrong": wrong}
-    if options.save:
-        RESULTS.mkdir(exist_ok=True)
-        stem = RESULTS / f"{data['about']['date']}-complete-ik"
-        stem.with_suffix(".json").write_text(json.dumps(data, indent=1) + "\n")
-        stem.with_suffix(".md").write_text(
-            "# All solutions of inverse kinematics\n\n" + "\n\n".join(text) + "\n"
-        )
-    return 1 if wrong else 0
+    report.claims += speed_claims(rows) + claims
+    report.sections += ["## Notes", notes(rows)]
+    return report.finish("complete-ik" if options.save else None)
 
 
 if __name__ == "__main__":

@@ -187,7 +187,7 @@ def numerical(inputs: Inputs, size: int, rounds: int, report: Report) -> None:
     chosen = Timed(
         "inverse kinematics, best solution within the limits",
         size,
-        lambda: nj.inverse_kinematics(robot, pose).nearest(np.zeros(6)),
+        lambda: nj.inverse_kinematics(robot, pose).farthest_from_limits(),
     )
     one, one_q = inputs.pose[0], jax.device_put(inputs.q[0])
     forward_one = Timed("forward kinematics", 1, lambda: nj.forward_kinematics(robot, one_q))
@@ -239,7 +239,7 @@ def numerical(inputs: Inputs, size: int, rounds: int, report: Report) -> None:
 
 def measure(sizes: list[int], main_size: int, rounds: int, skip: list[str]) -> Report:
     """Everything, in one process."""
-    inputs = Inputs(max(*sizes, main_size))
+    inputs = Inputs(max([*sizes, main_size]))
     found, absent = peers(inputs.robot, skip)
     facts = about(*NAMES, rounds=rounds)
     report = Report("Forward kinematics and Jacobians", {"about": facts, "absent": absent})

@@ -19,12 +19,13 @@ from niryo_jax.lie import se3, so3
 from niryo_jax.robot import Robot
 
 
-def forward_kinematics(robot: Robot, q: ArrayLike) -> jax.Array:
+def forward_kinematics(robot: Robot, q: ArrayLike, *, batch_last: bool = False) -> jax.Array:
     """The pose of the tool frame in the space frame.
 
     Args:
         robot: the arm.
         q: (..., n) joint vector, radians (metres for prismatic joints).
+        batch_last: whether the batch axes come last, (n, ...) -> (4, 4, ...), which is faster.
 
     Returns:
         (..., 4, 4) poses exp([S1] q1) ... exp([Sn] qn) M (Lynch & Park, eq. 4.14).
@@ -32,12 +33,17 @@ def forward_kinematics(robot: Robot, q: ArrayLike) -> jax.Array:
     Raises:
         ValueError: q does not have n joints.
     """
-    return _forward_kinematics(robot, q)
+    return _forward_kinematics(robot, q, batch_last=batch_last)
 
 
 @on_robot
-def _forward_kinematics(geometry: Geometry, q: ArrayLike) -> jax.Array:
-    return on_joints(lambda q: se3.assemble(*tool_motion(geometry, q)), q, geometry.joints)
+def _forward_kinematics(geometry: Geometry, q: ArrayLike, batch_last: bool) -> jax.Array:
+    return on_joints(
+        lambda q: se3.assemble(*tool_motion(geometry, q)),
+        q,
+        geometry.joints,
+        batch_last=batch_last,
+    )
 
 
 def link_poses(robot: Robot, q: ArrayLike, homes: ArrayLike | None = None) -> jax.Array:

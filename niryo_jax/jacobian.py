@@ -25,12 +25,13 @@ from niryo_jax.tolerances import DEPENDENT_ROW
 Part = Literal["all", "angular", "linear"]
 
 
-def space_jacobian(robot: Robot, q: ArrayLike) -> jax.Array:
+def space_jacobian(robot: Robot, q: ArrayLike, *, batch_last: bool = False) -> jax.Array:
     """The Jacobian of the tool's twist in the space frame.
 
     Args:
         robot: the arm.
         q: (..., n) joint vector.
+        batch_last: whether the batch axes come last, (n, ...) -> (6, n, ...), which is faster.
 
     Returns:
         (..., 6, n), column i = Ad(exp([S1] q1) ... exp([Si-1] qi-1)) Si (Lynch & Park, eq. 5.11).
@@ -38,20 +39,26 @@ def space_jacobian(robot: Robot, q: ArrayLike) -> jax.Array:
     Raises:
         ValueError: q does not have n joints.
     """
-    return _space_jacobian(robot, q)
+    return _space_jacobian(robot, q, batch_last=batch_last)
 
 
 @on_robot
-def _space_jacobian(geometry: Geometry, q: ArrayLike) -> jax.Array:
-    return on_joints(lambda q: pose_and_jacobian(geometry, q, "space")[1], q, geometry.joints)
+def _space_jacobian(geometry: Geometry, q: ArrayLike, batch_last: bool) -> jax.Array:
+    return on_joints(
+        lambda q: pose_and_jacobian(geometry, q, "space")[1],
+        q,
+        geometry.joints,
+        batch_last=batch_last,
+    )
 
 
-def body_jacobian(robot: Robot, q: ArrayLike) -> jax.Array:
+def body_jacobian(robot: Robot, q: ArrayLike, *, batch_last: bool = False) -> jax.Array:
     """The Jacobian of the tool's twist in the tool frame, Ad(T^-1) of the space Jacobian.
 
     Args:
         robot: the arm.
         q: (..., n) joint vector.
+        batch_last: whether the batch axes come last, (n, ...) -> (6, n, ...), which is faster.
 
     Returns:
         (..., 6, n) (Lynch & Park, eq. 5.18).
@@ -59,12 +66,17 @@ def body_jacobian(robot: Robot, q: ArrayLike) -> jax.Array:
     Raises:
         ValueError: q does not have n joints.
     """
-    return _body_jacobian(robot, q)
+    return _body_jacobian(robot, q, batch_last=batch_last)
 
 
 @on_robot
-def _body_jacobian(geometry: Geometry, q: ArrayLike) -> jax.Array:
-    return on_joints(lambda q: pose_and_jacobian(geometry, q, "body")[1], q, geometry.joints)
+def _body_jacobian(geometry: Geometry, q: ArrayLike, batch_last: bool) -> jax.Array:
+    return on_joints(
+        lambda q: pose_and_jacobian(geometry, q, "body")[1],
+        q,
+        geometry.joints,
+        batch_last=batch_last,
+    )
 
 
 def autodiff_space_jacobian(robot: Robot, q: ArrayLike) -> jax.Array:

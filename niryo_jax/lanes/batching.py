@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from niryo_jax.lanes.scalar import Lane, Lanes, pack, store, unpack
+from niryo_jax.lanes.scalar import Lane, Lanes, lanes_of, pack, store, unpack
 from niryo_jax.lanes.trigonometry import Angle, sincos
 
 Edge = tuple[str, ArrayLike, tuple[int, ...]]
@@ -63,11 +63,18 @@ def on_lanes(function: Callable[..., Any], *edges: Edge) -> Any:
     return tuple(map(pack_one, result)) if isinstance(result, tuple) else pack_one(result)
 
 
-def on_joints(function: Callable[..., Any], q: ArrayLike, joints: int, *edges: Edge) -> Any:
+def on_joints(
+    function: Callable[..., Any],
+    q: ArrayLike,
+    joints: int,
+    *edges: Edge,
+    batch_last: bool = False,
+) -> Any:
     """`on_lanes` of a function whose first argument is a joint vector (..., n).
 
-    Sines and cosines are computed for whole joint vectors, which lie contiguous in memory, and
-    kept: XLA would compute them for one pose at a time, and again for each result.
+    Sines and cosines are computed for whole arrays of joint vectors, which are contiguous in
+    memory, and kept: XLA would compute them for one pose at a time, and again for each result.
+    With `batch_last` the joint vectors are (n, ...), and so are the batch axes of the result.
     """
     q = as_floating("q", q)
     sin, cos = (store(part).array for part in sincos(Lane(q)))
@@ -78,5 +85,11 @@ def on_joints(function: Callable[..., Any], q: ArrayLike, joints: int, *edges: E
             angles[i] = Angle(*of_joint)
         return function(angles, *rest)
 
+    if batch_last:
+        if q.ndim == 0 or len(q) != joints:
+            raise ValueError(f"q: expected shape ({joints}, ...), got {q.shape}")
+        result = with_angles(*(lanes_of([Lane(x) for x in part]) for part in (q, sin, cos)))
+        lanes = [jnp.broadcast_to(jnp.asarray(x.value, q.dtype), q.shape[1:]) for x in result.flat]
+        return jnp.stack(lanes).reshape(*result.shape, *q.shape[1:])
     shape = (joints,)
     return on_lanes(with_angles, ("q", q, shape), ("q", sin, shape), ("q", cos, shape), *edges)

@@ -21,9 +21,9 @@ _unpack = Primitive("unpack_columns")
 _unpack.multiple_results = True
 
 
-def pack_columns(columns: Sequence[jax.Array]) -> jax.Array:
-    """The array (..., k) of k >= 1 columns (...,), all of one shape and dtype."""
-    return _pack.bind(*columns)
+def pack_columns(columns: Sequence[jax.Array], shape: tuple[int, ...]) -> jax.Array:
+    """The array (..., k) or (..., k, l) of its k or k l >= 1 columns (...,) of one dtype."""
+    return _pack.bind(*columns, shape=shape)
 
 
 def unpack_columns(rows: jax.Array) -> list[jax.Array]:
@@ -31,19 +31,28 @@ def unpack_columns(rows: jax.Array) -> list[jax.Array]:
     return _unpack.bind(rows)
 
 
-def _select(*columns: jax.Array) -> jax.Array:
-    # A chain of selects on the column number stays one fused loop, which XLA compiles several
+def _select(*columns: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+    # Selects on the numbers of row and column stay one fused loop, which XLA compiles several
     # times faster than a concatenation and, up to some tens of columns, runs faster too.
-    shape = (*columns[0].shape, len(columns))
-    number = lax.broadcasted_iota(jnp.int32, shape, len(shape) - 1)
-    out = jnp.zeros(shape, columns[0].dtype)
-    for index, column in enumerate(columns):
-        out = jnp.where(number == index, column[..., None], out)
-    return out
+    batch = columns[0].ndim
+    whole = (*columns[0].shape, *shape)
+
+    def choose(parts: Sequence[jax.Array], axis: int) -> jax.Array:
+        number = lax.broadcasted_iota(jnp.int32, whole, batch + axis)
+        out = jnp.zeros(whole, columns[0].dtype)
+        for index, part in enumerate(parts):
+            out = jnp.where(number == index, part, out)
+        return out
+
+    spread = [column.reshape(*column.shape, *[1] * len(shape)) for column in columns]
+    if len(shape) == 1:
+        return choose(spread, 0)
+    rows, width = shape
+    return choose([choose(spread[i * width : (i + 1) * width], 1) for i in range(rows)], 0)
 
 
-def _stack(*columns: jax.Array) -> jax.Array:
-    return jnp.stack(columns, axis=-1)
+def _stack(*columns: jax.Array, shape: tuple[int, ...]) -> jax.Array:
+    return jnp.stack(columns, axis=-1).reshape(*columns[0].shape, *shape)
 
 
 def _slices(rows: jax.Array) -> list[jax.Array]:
@@ -51,18 +60,20 @@ def _slices(rows: jax.Array) -> list[jax.Array]:
 
 
 @functools.lru_cache(maxsize=4096)
-def _outputs(function: Callable[..., Any], *arguments: Any) -> list[Any]:
+def _outputs(function: Callable[..., Any], *arguments: Any, **options: Any) -> list[Any]:
     # What JAX's own operations make of the arguments says also what shard_map wants to know.
-    return list(jax.make_jaxpr(function)(*arguments).out_avals)
+    return list(jax.make_jaxpr(functools.partial(function, **options))(*arguments).out_avals)
 
 
-def _pack_batched(columns: Sequence[Any], axes: Sequence[int | None]) -> tuple[jax.Array, int]:
+def _pack_batched(
+    columns: Sequence[Any], axes: Sequence[int | None], shape: tuple[int, ...]
+) -> tuple[jax.Array, int]:
     size = next(x.shape[axis] for x, axis in zip(columns, axes) if axis is not None)
     moved = [
         jnp.broadcast_to(x, (size, *x.shape)) if axis is None else jnp.moveaxis(x, axis, 0)
         for x, axis in zip(columns, axes)
     ]
-    return pack_columns(moved), 0
+    return pack_columns(moved, shape), 0
 
 
 def _unpack_batched(rows: Sequence[Any], axes: Sequence[int]) -> tuple[list[jax.Array], list[int]]:
@@ -70,18 +81,18 @@ def _unpack_batched(rows: Sequence[Any], axes: Sequence[int]) -> tuple[list[jax.
     return columns, [0] * len(columns)
 
 
-def _pack_transposed(rate: Any, *columns: Any) -> list[jax.Array]:
-    del columns
-    return unpack_columns(rate)
+def _pack_transposed(rate: Any, *columns: Any, shape: tuple[int, ...]) -> list[jax.Array]:
+    batch = rate.shape[: rate.ndim - len(shape)]
+    return unpack_columns(rate.reshape(*batch, len(columns)))
 
 
 def _unpack_transposed(rates: Sequence[Any], rows: Any) -> list[jax.Array]:
     del rows
-    return [pack_columns([ad.instantiate_zeros(rate) for rate in rates])]
+    return [pack_columns([ad.instantiate_zeros(rate) for rate in rates], (len(rates),))]
 
 
-_pack.def_impl(jax.jit(_select))
-_pack.def_abstract_eval(lambda *columns: _outputs(_stack, *columns)[0])
+_pack.def_impl(jax.jit(_select, static_argnames="shape"))
+_pack.def_abstract_eval(lambda *columns, shape: _outputs(_stack, *columns, shape=shape)[0])
 mlir.register_lowering(_pack, mlir.lower_fun(_select, multiple_results=False))
 ad.deflinear2(_pack, _pack_transposed)
 batching.primitive_batchers[_pack] = _pack_batched

@@ -210,12 +210,12 @@ def unpack(array: jax.Array | np.ndarray, axes: int = 1) -> Lanes:
 
 def pack(lanes: Lanes, batch: tuple[int, ...], dtype: jax.typing.DTypeLike) -> jax.Array:
     """The array of shape `batch + lanes.shape` whose last axes are the lanes."""
-    if lanes.size > _SELECT_COLUMNS and lanes.ndim > 1:
+    if lanes.ndim > 2 or (lanes.ndim == 2 and lanes.size > _SELECT_COLUMNS):
         return jnp.stack([pack(part, batch, dtype) for part in lanes], axis=len(batch))
     columns = [jnp.broadcast_to(jnp.asarray(x.value, dtype), batch) for x in lanes.ravel()]
-    if not columns:
-        return jnp.zeros(batch + lanes.shape, dtype)
-    return pack_columns(columns).reshape(batch + lanes.shape)
+    if lanes.ndim == 0:
+        return columns[0]
+    return pack_columns(columns, lanes.shape) if columns else jnp.zeros(batch + lanes.shape, dtype)
 
 
 def select(condition: Condition, if_true: Lane | float, if_false: Lane | float) -> Lane:

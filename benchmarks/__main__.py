@@ -1,0 +1,42 @@
+"""Every benchmark, or those named, each in processes of its own.
+
+    python -m benchmarks [lanes floors kinematics lie compiling devices complete_ik] [--save]
+
+Peers that are not installed are left out and named. Install them with `pip install --group peers`;
+they are of many licences, and none is a dependency of niryo_jax.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+PARTS = ("lanes", "floors", "kinematics", "lie", "compiling", "devices", "complete_ik")
+
+
+def main() -> int:
+    """Run the parts; the exit code is 1 when an answer of niryo_jax is wrong in any."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument("parts", nargs="*", metavar="part", help=f"of {', '.join(PARTS)}")
+    parser.add_argument("--save", action="store_true", help="write to benchmarks/results/")
+    options = parser.parse_args()
+    unknown = sorted(set(options.parts) - set(PARTS))
+    if unknown:
+        parser.error(f"unknown: {', '.join(unknown)}; there are {', '.join(PARTS)}")
+    failed = []
+    for part in options.parts or PARTS:
+        print(f"== {part}", flush=True)
+        command = [sys.executable, "-m", f"benchmarks.{part}", *["--save"] * options.save]
+        if subprocess.run(command, cwd=Path(__file__).parents[1], check=False).returncode:
+            failed.append(part)
+    if failed:
+        print(f"failed: {', '.join(failed)}")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
