@@ -190,10 +190,10 @@ def subjects(robot: nj.Robot) -> dict[str, Subject]:
             ((6,), (6,), (3,), (3,)),
         ),
         "Paden-Kahan 3": Subject(
-            sub.paden_kahan_3,
-            lambda s, p, k, d: tuple(sub.paden_kahan_3_lanes(s, p, k, d)),
+            lambda s, p, k, d: sub.paden_kahan_3(s, p, k, d[:, 0]),
+            lambda *x: tuple(sub.paden_kahan_3_lanes(*x)),
             7,
-            ((6,), (3,), (3,), ()),
+            ((6,), (3,), (3,), (1,)),
         ),
         "Newton-Raphson, one iteration and a check": Subject(
             lambda pose, q: nj.newton_raphson(robot, pose, q, **step),

@@ -39,6 +39,9 @@ LOOP = 2_000
 LEAST = 0.05
 """Seconds a round lasts at the least."""
 
+PATIENCE = 0.3
+"""Seconds of one run after which a peer gets no larger batch."""
+
 NAMES = ("pin", "roboticstoolbox-python", "frax", "almond-pyroki", "pytorch-kinematics", "torch")
 
 
@@ -96,11 +99,20 @@ def peer_misses(inputs: Inputs, peer: Peer, what: str, answer: Any) -> float | N
 
 
 def compare(
-    inputs: Inputs, found: list[Peer], dtype: str, size: int, rounds: int, report: Report
+    inputs: Inputs,
+    found: list[Peer],
+    dtype: str,
+    size: int,
+    rounds: int,
+    report: Report,
+    too_slow: list[Peer],
 ) -> dict[str, list[Timed]]:
-    """What -> rows of one precision and batch size, ours first."""
+    """What -> rows of one precision and batch size, ours first.
+
+    Peers that are `too_slow` are left out; those that take long here are added.
+    """
     mine = ours(inputs, size, dtype)
-    others = [(p, theirs(inputs, p, size)) for p in found if p.dtype == dtype]
+    others = [(p, theirs(inputs, p, size)) for p in found if p.dtype == dtype and p not in too_slow]
     rows = {what: [subject] for what, subject in mine.items()}
     for _, subjects in others:
         for what, subject in subjects.items():
@@ -117,6 +129,8 @@ def compare(
     for peer, subjects in others:
         for what, subject in subjects.items():
             error[id(subject)] = peer_misses(inputs, peer, what, subject.result)
+            if subject.seconds > PATIENCE and peer.batched:
+                too_slow.append(peer)
     lines, facts = [], []
     for what, of_what in rows.items():
         for subject in of_what:
@@ -245,10 +259,11 @@ def measure(sizes: list[int], main_size: int, rounds: int, skip: list[str]) -> R
     report = Report("Forward kinematics and Jacobians", {"about": facts, "absent": absent})
     report.sections.append(header(facts))
     rows: dict[str, dict[str, list[Timed]]] = {}
+    too_slow: list[Peer] = []
     for dtype in ("float64", "float32"):
         for size in sorted({*sizes, main_size}):
             print(f"  {dtype}, batch {size:,}", flush=True)
-            measured = compare(inputs, found, dtype, size, rounds, report)
+            measured = compare(inputs, found, dtype, size, rounds, report, too_slow)
             if size == main_size:
                 rows[dtype] = measured
     report.claims += claims(rows, main_size)

@@ -27,7 +27,7 @@ def test_a_wrong_answer_fails_the_run(monkeypatch, capsys):
     right = kinematics.nj.forward_kinematics
     monkeypatch.setattr(kinematics.nj, "forward_kinematics", lambda *x: right(*x) + 1e-9)
     inputs, report = kinematics.Inputs(16), measure.Report("", {})
-    kinematics.compare(inputs, [], "float64", 16, 1, report)
+    kinematics.compare(inputs, [], "float64", 16, 1, report, [])
     assert len(report.wrong) == 2, "forward kinematics, and pose and Jacobian together"
     assert report.finish(None) == 1
     assert "WRONG: forward kinematics" in capsys.readouterr().out
