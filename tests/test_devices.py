@@ -24,6 +24,7 @@ ON_EIGHT_DEVICES = """
     import numpy as np
     from jax.sharding import Mesh, NamedSharding, PartitionSpec
     import niryo_jax as nj
+    from niryo_jax.ik import parallel
 
     robot = nj.robots.niryo_one()
     rows = NamedSharding(Mesh(np.array(jax.devices()), ("rows",)), PartitionSpec("rows"))
@@ -42,6 +43,16 @@ ON_EIGHT_DEVICES = """
         lambda pose, q: nj.newton_raphson(robot, pose, q + 0.05),
     ):
         pairs += zip(jax.tree.leaves(solve(pose, q)), jax.tree.leaves(solve(poses, spread)))
+    last = jax.devices()[-1]
+    parallel._LEAST, parallel._cores = 100, lambda: 2
+    def double(x):
+        return 2.0 * x
+    with jax.default_device(last):
+        far = parallel.on_all_cores(double, [jax.numpy.ones(400)], (400,), lambda size: size)
+    assert far.devices() == {last} and not far.committed
+    near = jax.device_put(np.ones(400), last)
+    far = parallel.on_all_cores(double, [near], (400,), lambda size: size)
+    assert far.devices() == {last} and far.committed
     for one, many in pairs:
         one, where = np.asarray(one), many.sharding
         if len(one) == 64:

@@ -120,12 +120,13 @@ def _in_pieces(
     size = math.prod(batch)
     rows = [array.reshape(size, *array.shape[len(batch) :]) for array in arrays]
     starts = range(0, size, piece)
-
-    def some(start: int) -> Result:
-        return solve(*(_piece(array, start, piece) for array in rows))
+    # A default device that was chosen for a `with` block holds in its own thread only.
+    (device,) = arrays[0].sharding.device_set
+    pieces = [[jax.device_put(_piece(x, start, piece), device) for x in rows] for start in starts]
+    place = device if arrays[0].committed else None
 
     with ThreadPoolExecutor(len(starts)) as pool:
-        parts = _run(pool, some, starts)
+        parts = _run(pool, lambda piece: solve(*piece), pieces)
 
         def join(*parts: jax.Array) -> jax.Array:
             # XLA would concatenate on one core, and the first touch of fresh memory is what costs.
@@ -136,7 +137,7 @@ def _in_pieces(
                 np.copyto(rows, np.asarray(part)[: len(rows)])
 
             list(pool.map(copy, starts, parts))
-            return jax.device_put(whole.reshape(*batch, *whole.shape[1:]), may_alias=True)
+            return jax.device_put(whole.reshape(*batch, *whole.shape[1:]), place, may_alias=True)
 
         return tree_map(join, *parts)
 
