@@ -9,11 +9,31 @@ they are of many licences, and none is a dependency of niryo_jax.
 from __future__ import annotations
 
 import argparse
+import re
 import subprocess
 import sys
 from pathlib import Path
 
+from benchmarks.measure import RESULTS
+
 PARTS = ("lanes", "floors", "kinematics", "lie", "compiling", "devices", "complete_ik")
+
+PAGE = Path(__file__).parents[1] / "docs" / "benchmarks.md"
+
+_HEAD = """# Benchmarks: the last run of each part
+
+Made by `python -m benchmarks --save`; [how to read it](performance.md).
+"""
+
+
+def collect() -> None:
+    """Write the latest table of each part to one page of the documentation."""
+    pages = [_HEAD]
+    for part in PARTS:
+        for path in sorted(RESULTS.glob(f"*-{part.replace('_', '-')}.md"))[-1:]:
+            # A level deeper, below the title of the page.
+            pages.append(re.sub(r"^#", "##", path.read_text(), flags=re.MULTILINE))
+    PAGE.write_text("\n".join(pages))
 
 
 def main() -> int:
@@ -33,6 +53,8 @@ def main() -> int:
         command = [sys.executable, "-m", f"benchmarks.{part}", *["--save"] * options.save]
         if subprocess.run(command, cwd=Path(__file__).parents[1], check=False).returncode:
             failed.append(part)
+    if options.save:
+        collect()
     if failed:
         print(f"failed: {', '.join(failed)}")
     return 1 if failed else 0

@@ -178,7 +178,8 @@ def _roboticstoolbox(robot: nj.Robot) -> list[Peer]:
         return np.stack([arm.jacob0(x) for x in q])
 
     return [
-        Peer("roboticstoolbox", "float64", _as_given, arm.eval),
+        # It answers a batch of one with one matrix.
+        Peer("roboticstoolbox", "float64", _as_given, arm.eval, lambda x: x.reshape(-1, 4, 4)),
         Peer(
             "roboticstoolbox",
             "float64",
