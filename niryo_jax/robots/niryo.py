@@ -1,4 +1,4 @@
-"""The robots that come with the package, as data with a named source.
+"""The Niryo arms, as data with a named source.
 
 Geometry, limits, speeds and tools of the Niryo arms are facts read from NiryoRobotics/ned_ros
 v5.6.3 (robot description, MoveIt joint limits, arm commander) and, for tools, v4.1.1; the screws
