@@ -1,6 +1,6 @@
 """Batched, differentiable kinematics in JAX for the Niryo One and for open chains in general."""
 
-from niryo_jax import robots, subproblems
+from niryo_jax import motion, robots, subproblems
 from niryo_jax.chain import forward_kinematics, link_poses
 from niryo_jax.ik import (
     IKSolutions,
@@ -41,6 +41,7 @@ __all__ = [
     "inverse_kinematics",
     "link_poses",
     "manipulability",
+    "motion",
     "nearest_reachable",
     "newton_raphson",
     "robots",

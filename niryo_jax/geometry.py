@@ -67,6 +67,10 @@ class Geometry:
         """The number of joints n."""
         return len(self.kinds)
 
+    def at(self, rows: jax.Array) -> Geometry:
+        """The arms of some rows, where every row of a batch has an arm of its own."""
+        return jax.tree.map(lambda x: x[rows] if jnp.ndim(x) else x, self)
+
     def tree_flatten(self) -> tuple[list[jax.Array], Pattern]:
         """The traced numbers, and the pattern of the known ones."""
         entries = [lane.value for lane in (*self.screws.ravel(), *self.home.ravel())]

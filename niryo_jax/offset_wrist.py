@@ -136,3 +136,9 @@ def known_numbers(numbers: np.ndarray) -> Known:
     rounded = np.round(numbers)
     plain = (np.abs(numbers - rounded) < ARM_NUMBER) & (np.abs(rounded) <= 1)
     return tuple(float(x) + 0.0 if simple else None for x, simple in zip(rounded, plain))
+
+
+def is_spherical(known: Known) -> bool:
+    """Whether axes 4, 5 and 6 of an arm meet in one point."""
+    sizes = [int(np.prod(shape)) for shape in FIELDS.values()]
+    return known[sum(sizes[: list(FIELDS).index("radius")])] == 0.0

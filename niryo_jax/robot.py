@@ -11,7 +11,8 @@ import numpy as np
 from jax.core import Tracer
 from numpy.typing import ArrayLike
 
-from niryo_jax import offset_wrist, structure
+from niryo_jax import families, offset_wrist, structure
+from niryo_jax.families import Plan
 from niryo_jax.offset_wrist import Known
 from niryo_jax.tolerances import MOTION, SCREW_NORM
 
@@ -45,6 +46,8 @@ class Robot:
         joint_names, name: labels; static.
         offset_wrist: which numbers of an offset-wrist arm are 0, 1 or -1 (`offset_wrist.Known`), or
             None for an arm of another structure; found from concrete screws, static.
+        plans: how the arm can be solved in closed form (`families.Plan`); found and static
+            likewise.
 
     The four arrays are pytree leaves, so they can be traced, batched and differentiated:
     `dataclasses.replace(robot, screws=...)` accepts traced arrays.
@@ -57,13 +60,16 @@ class Robot:
     joint_names: tuple[str, ...] = dataclasses.field(default=(), metadata={"static": True})
     name: str = dataclasses.field(default="robot", metadata={"static": True})
     offset_wrist: Known | None = dataclasses.field(default=None, metadata={"static": True})
+    plans: tuple[Plan, ...] = dataclasses.field(default=(), metadata={"static": True})
 
     def __post_init__(self) -> None:
         """Find the structure, which a robot that is traced later brings along."""
         screws, home = self.screws, self.home
         if isinstance(screws, np.ndarray) and isinstance(home, np.ndarray):
-            known = offset_wrist.find(screws, home) if screws.ndim == home.ndim == 2 else None
+            one = screws.ndim == home.ndim == 2
+            known = offset_wrist.find(screws, home) if one else None
             object.__setattr__(self, "offset_wrist", known)
+            object.__setattr__(self, "plans", families.find(screws) if one else ())
 
     @property
     def joints(self) -> int:
@@ -258,7 +264,7 @@ class Robot:
                 f"{name}: {kind}, along {_vector(screw[3:] if slides else screw[:3])}{place}, "
                 f"{low * scale:.2f} to {high * scale:.2f} {unit}"
             )
-        lines += structure.describe(screws)
+        lines += structure.relations(screws) + families.describe(screws)
         lines.append(f"tool at home: {_vector(np.asarray(self.home)[:3, 3])} m")
         return "\n  ".join(lines)
 

@@ -165,8 +165,8 @@ def _sine(first: np.ndarray, second: np.ndarray) -> float:
     return float(np.linalg.norm(np.cross(first, second)))
 
 
-def describe(screws: np.ndarray) -> list[str]:
-    """How neighbouring axes lie, the family of the arm, and what solves it, a line each."""
+def relations(screws: np.ndarray) -> list[str]:
+    """How neighbouring axes lie, a line each."""
     kinds, lines = joint_kinds(screws), list[str]()
     for i, (first, second) in enumerate(itertools.pairwise(screws)):
         if "prismatic" in kinds[i : i + 2]:
@@ -175,17 +175,4 @@ def describe(screws: np.ndarray) -> list[str]:
         apart = distance_between(first, second)
         gap = f", {apart * 1e3:.4g} mm apart" if apart > AXES_MEET else ""
         lines.append(f"axes {i + 1} and {i + 2} {how.value}{gap}")
-    arm = offset_wrist_arm(screws)
-    if arm is not None:
-        offset = float(np.linalg.norm(arm.offset))
-        spherical = offset < AXES_MEET
-        wrist = "spherical wrist" if spherical else f"wrist offset {offset * 1e3:.4g} mm"
-        lines.append(f"family: 1 and 2 meet, 2 parallel to 3, 4 and 5 meet; {wrist}")
-        how = "in closed form, at most 8" if spherical else "with a proof that there is no other"
-        lines.append(f"inverse kinematics: every solution, {how}")
-    elif nearly_offset_wrist_axes(screws) is not None:
-        lines.append("family: nearly 1 and 2 meet, 2 parallel to 3, 4 and 5 meet")
-        lines.append("inverse kinematics: from all solutions of the nearest such arm; not proved")
-    else:
-        lines.append("inverse kinematics: Newton-Raphson from many guesses; some may be missed")
     return lines

@@ -70,6 +70,10 @@ LIMIT_ROUNDING = ByDtype(1e-9, 1e-5)
 SUBPROBLEM_PARALLEL = ByDtype(1e-9, 1e-5)
 """The two axes of a subproblem are parallel where the sine of their angle is below this."""
 
+SUBPROBLEM_STEEP = 1e-3
+"""Two circles pass each other steeply, and tell where accurately, where the square of the sine of
+the angle between them is above this."""
+
 ARM_NUMBER = 1e-14
 """A number of an arm (a sine, a cosine, a length in metres) this near to 0, 1 or -1 is that."""
 
@@ -105,6 +109,9 @@ IK_ROTATION = ByDtype(1e-12, 1e-6)
 IK_POLISH = ByDtype(1e-13, 5e-7)
 """A candidate that misses by more than this (metres, radians) is polished on the full pose."""
 
+OFF_TASK = ByDtype(1e-6, 1e-2)
+"""An arm of fewer than six joints cannot take a pose that it misses by more (metres, radians)."""
+
 REACH_ROUNDING = ByDtype(1e-13, 1e-6)
 """The wrist is out of reach where 4 a b times this is missing from the square of its distance."""
 
@@ -116,6 +123,9 @@ VANISHING = ByDtype(2e-13, 1e-5)
 
 SINGULAR_ANGLE = ByDtype(1e-7, 1e-4)
 """An arm is at a singularity of a spherical-wrist arm where it is nearer than this (radians)."""
+
+VANISHING_LENGTH = ByDtype(1e-15, 1e-8)
+"""What is shorter than this (metres, or a sine) has no direction."""
 
 REACH_EDGE = ByDtype(1e-9, 1e-5)
 """The edge of what is reachable is found to within this (metres)."""

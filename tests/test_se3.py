@@ -315,6 +315,37 @@ def test_derivatives_of_screws_and_axes_are_finite_for_every_kind(rng):
     assert np.all(np.isfinite(jax.grad(total)(screw)))
 
 
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_a_twist_is_its_magnitude_times_its_unit_screw(rng, dtype):
+    twist = np.concatenate([twists(rng, dtype, 200), np.zeros((1, 6), dtype)])
+    screw, magnitude = map(np.asarray, se3.unit_screw(twist))
+    w, v = length(twist[:, :3]), length(twist[:, 3:])
+    truth = np.where(w > 0, w, v)
+    assert np.all(np.abs(magnitude - truth) <= 4 * eps(dtype) * truth)
+    # Where v / |omega| is within the dtype's range.
+    usual = (w == 0) | (w > 1e-30)
+    unit = length(screw[:, :3]) + np.where(w > 0, 0, length(screw[:, 3:]))
+    assert np.all(np.abs(unit[:-1] - 1) < 4 * eps(dtype))
+    np.testing.assert_array_equal(screw[-1], np.zeros(6))
+    missed = length(screw * magnitude[:, None] - twist)[usual]
+    assert np.all(missed < 8 * eps(dtype) * (w + v)[usual] + 1e-300)
+
+
+def test_a_rotation_however_small_is_not_a_translation():
+    screw, magnitude = se3.unit_screw(np.array([1e-9, 0, 0, 0, 2e-9, 0]))
+    np.testing.assert_allclose([*screw, magnitude], [1, 0, 0, 0, 2, 0, 1e-9], rtol=1e-15)
+    gradient = jax.grad(lambda v: sum(jnp.sum(x) for x in se3.unit_screw(v)))(np.zeros((1, 6)))
+    np.testing.assert_array_equal(np.isfinite(gradient), True)
+
+
+def test_a_pose_is_its_rotation_and_its_position(rng):
+    pose = random_poses(rng, (N,)).astype(float)
+    rotation, position = se3.rotation_and_position(pose)
+    np.testing.assert_array_equal(rotation, pose[:, :3, :3])
+    np.testing.assert_array_equal(position, pose[:, :3, 3])
+    np.testing.assert_array_equal(se3.from_rotation_and_position(rotation, position), pose)
+
+
 # ModernRobotics
 
 
@@ -355,6 +386,9 @@ FUNCTIONS = [
     (se3.inverse, ((4, 4),), ((4, 4),)),
     (se3.exp, ((6,),), ((4, 4),)),
     (se3.log, ((4, 4),), ((6,),)),
+    (se3.from_rotation_and_position, ((3, 3), (3,)), ((4, 4),)),
+    (se3.rotation_and_position, ((4, 4),), ((3, 3), (3,))),
+    (se3.unit_screw, ((6,),), ((6,), ())),
     (se3.adjoint, ((4, 4),), ((6, 6),)),
     (se3.ad, ((6,),), ((6, 6),)),
     (se3.project, ((4, 4),), ((4, 4), ())),

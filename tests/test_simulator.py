@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from niryo_jax import robots
 from niryo_jax.hardware import Fault, FaultKind, SimulatedNiryo, protocol
-from niryo_jax.hardware.rpy import pose_from_rpy, rpy_from_pose
+from niryo_jax.lie.rpy import pose_from_rpy, rpy_from_pose
 
 FAST = 1000.0
 TARGET = (0.2, -0.3, 0.1, 0.0, 0.5, -0.8)

@@ -167,6 +167,37 @@ def test_hat_is_the_cross_product_and_vee_undoes_it(rng):
     np.testing.assert_allclose(so3.vee(so3.hat(w) + symmetric), w, atol=1e-15)
 
 
+# Axis and angle
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_axis_and_angle_are_direction_and_length_at_any_scale(rng, dtype):
+    w = rotation_vectors(rng, dtype)
+    axis, angle = so3.axis_angle(w)
+    assert axis.dtype == angle.dtype == dtype
+    truth = length(w)
+    assert np.all(np.abs(np.asarray(angle, LD) - truth) <= 4 * eps(dtype) * truth)
+    assert np.max(np.abs(np.asarray(axis, LD) - w / truth[:, None])) < 4 * eps(dtype)
+
+
+def test_the_zero_vector_has_no_axis_and_no_derivative_that_is_not_finite(rng):
+    axis, angle = so3.axis_angle(np.zeros(3))
+    np.testing.assert_array_equal([*axis, angle], np.zeros(4))
+    w = np.concatenate([np.zeros((1, 3)), rotation_vectors(rng, np.float64, 20)])
+    gradient = jax.grad(lambda w: sum(jnp.sum(part) for part in so3.axis_angle(w)))(w)
+    assert np.all(np.isfinite(gradient))
+    by_angle = jax.grad(lambda w: jnp.sum(so3.axis_angle(w)[1]))(w)
+    np.testing.assert_allclose(by_angle, so3.axis_angle(w)[0], atol=1e-15)
+
+
+def test_derivatives_of_axis_and_angle_equal_finite_differences(rng):
+    w, u = rng.standard_normal((2, 60, 3))
+    axis_rate, angle_rate = rate(so3.axis_angle, w, u)
+    truth = rate_truth(lambda w: w / length(w)[:, None], w, u).astype(float)
+    np.testing.assert_allclose(axis_rate, truth, atol=1e-8)
+    np.testing.assert_allclose(angle_rate, rate_truth(length, w, u).astype(float), atol=1e-8)
+
+
 # Derivatives
 
 
@@ -389,6 +420,7 @@ FUNCTIONS = [
     (so3.inverse, "rotation", (3, 3), ((3, 3),)),
     (so3.exp, "w", (3,), ((3, 3),)),
     (so3.log, "rotation", (3, 3), ((3,),)),
+    (so3.axis_angle, "w", (3,), ((3,), ())),
     (so3.project, "matrix", (3, 3), ((3, 3), ())),
 ]
 every_function = pytest.mark.parametrize(

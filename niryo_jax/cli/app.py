@@ -12,7 +12,8 @@ from typing import Annotated
 
 import typer
 
-from niryo_jax.cli.kinematics import describe, fk, ik
+from niryo_jax.cli.arms import describe, robots
+from niryo_jax.cli.kinematics import fk, ik
 from niryo_jax.cli.outcome import ExitCode, Failure, as_failure
 from niryo_jax.cli.pick_and_place import pick_and_place
 from niryo_jax.cli.simulate import simulate
@@ -32,6 +33,7 @@ app.command("ik", context_settings=_NUMBERS)(ik)
 app.command("pick-and-place")(pick_and_place)
 app.command("simulate")(simulate)
 app.command("describe")(describe)
+app.command("robots")(robots)
 
 
 def _show_version(wanted: bool) -> None:

@@ -1,4 +1,4 @@
-"""`niryo-jax fk`, `ik` and `describe`."""
+"""`niryo-jax fk` and `ik`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,6 @@ from niryo_jax.cli.options import (
 from niryo_jax.cli.outcome import ExitCode, Failure, print_json
 from niryo_jax.cli.poses import read_pose
 from niryo_jax.cli.tables import angles, millimetres, solutions_table, unit_name
-from niryo_jax.hardware.rpy import rpy_from_pose
 from niryo_jax.ik import (
     IKSolutions,
     IKStatus,
@@ -32,6 +31,7 @@ from niryo_jax.ik import (
     inverse_kinematics,
     seeded_branches,
 )
+from niryo_jax.lie.rpy import rpy_from_pose
 from niryo_jax.robot import Robot
 
 
@@ -131,24 +131,6 @@ def ik(
         print_json(document)
     else:
         stdout().print(message)
-
-
-def describe(robot: RobotOption = RobotName.NIRYO_ONE, as_json: JsonOption = False) -> None:
-    """An arm in words: joints, limits, home pose, and how its axes lie to each other."""
-    arm = robot.model.robot()
-    if not as_json:
-        stdout().print(arm.describe(), markup=False)
-        return
-    document = {
-        "robot": arm.name,
-        "joint_names": list(arm.joint_names),
-        "lower_rad": np.asarray(arm.lower).tolist(),
-        "upper_rad": np.asarray(arm.upper).tolist(),
-        "screws": np.asarray(arm.screws).tolist(),
-        "home": np.asarray(arm.home).tolist(),
-        "description": arm.describe(),
-    }
-    print_json(document)
 
 
 def _show(arm: Robot, solutions: IKSolutions, degrees: bool) -> None:

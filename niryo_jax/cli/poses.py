@@ -11,7 +11,7 @@ import typer
 from numpy.typing import NDArray
 
 from niryo_jax.cli.options import in_radians
-from niryo_jax.hardware.rpy import pose_from_rpy
+from niryo_jax.lie.rpy import pose_from_rpy
 
 Vector = NDArray[np.float64]
 

@@ -20,8 +20,8 @@ from niryo_jax.hardware.errors import (
     ToolMissing,
 )
 from niryo_jax.hardware.protocol import PORT
-from niryo_jax.hardware.rpy import pose_from_rpy
 from niryo_jax.hardware.targets import JointTargets
+from niryo_jax.lie.rpy import pose_from_rpy
 from niryo_jax.robot import Robot
 from niryo_jax.robots import MODELS
 

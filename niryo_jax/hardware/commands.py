@@ -9,8 +9,8 @@ from typing import Any
 
 from niryo_jax.hardware import protocol
 from niryo_jax.hardware.protocol import Request
-from niryo_jax.hardware.rpy import pose_from_rpy, rpy_from_pose
 from niryo_jax.hardware.simulated_arm import SimulatedArm
+from niryo_jax.lie.rpy import pose_from_rpy, rpy_from_pose
 
 _UNCALIBRATED = "Goal has been rejected : You need to calibrate the robot before sending a command"
 _NO_PLAN = "Goal has been aborted : MoveIt failed to compute the plan."

@@ -7,37 +7,48 @@ from typing import Literal
 
 from jax.typing import ArrayLike
 
-from niryo_jax.ik.complete import solve_complete
+from niryo_jax.ik.complete import Locked, solve_complete
 from niryo_jax.ik.continuation import nominal, solve_by_continuation
 from niryo_jax.ik.follow import JointPath, follow
 from niryo_jax.ik.multistart import solve_multistart
 from niryo_jax.ik.newton import NewtonResult, newton_raphson
 from niryo_jax.ik.reachable import nearest_reachable
+from niryo_jax.ik.redundant import solve_sampled, spare
 from niryo_jax.ik.seeded import BranchStatus, SeededBranches, seeded_branches, solve_seeded
 from niryo_jax.ik.solutions import IKSolutions, IKStatus, Obstacle, Singularity, wrap_into_limits
 from niryo_jax.robot import Robot
 
-Method = Literal["complete", "continuation", "multistart", "seeded"]
+Method = Literal["complete", "continuation", "multistart", "sampled", "seeded"]
 
 
-def inverse_kinematics(robot: Robot, pose: ArrayLike, method: Method | None = None) -> IKSolutions:
+def inverse_kinematics(
+    robot: Robot,
+    pose: ArrayLike,
+    method: Method | None = None,
+    *,
+    locked: Locked | None = None,
+) -> IKSolutions:
     """All joint vectors that bring the tool to a pose, for a batch of poses.
 
     Args:
         robot: the arm. A traced robot keeps the structure of the concrete one it was made from.
         pose: (..., 4, 4) targets in the space frame, metres. Poses that are slightly off SE(3),
             as printed ones are, are projected to it and the distance is reported.
-        method: how to solve.
-            "complete": every real solution, or a proof that there is none, for six revolute joints
-            of which axes 1 and 2 meet, 2 and 3 are parallel, 4 and 5 meet; in closed form where
-            the wrist is spherical (docs/theory/complete-ik.md).
-            "continuation": for arms that are nearly of that kind (calibrated ones): the complete
-            sets of the nearest such arm, refined by Newton-Raphson on the true one.
+        method: how to solve; where not given, the first of these that fits the arm.
+            "complete": every real solution, or a proof that there is none. By a scan with a proof
+            where axes 1 and 2 meet, 2 and 3 are parallel, 4 and 5 meet
+            (docs/theory/complete-ik.md); in closed form where the wrist is spherical, where three
+            axes are parallel and for four joints of some kinds (docs/families.md).
+            "sampled": for seven joints: the best of the complete sets for 16 values of one of them.
+            "continuation": for arms that are nearly of the first kind (calibrated ones): the
+            complete sets of the nearest such arm, refined by Newton-Raphson on the true one.
             "multistart": Newton-Raphson from 64 guesses, for any open chain.
-            "seeded": Paden-Kahan guesses refined by Newton-Raphson, for the same arms (Todorovic
-            et al. 2024, algorithm 2): about 95 % of all solutions.
-            Where not given, the first of these four that fits the arm. `complete` of the answer
-            is False except for the first.
+            "seeded": Paden-Kahan guesses refined by Newton-Raphson, for arms of the first kind
+            (Todorovic et al. 2024, algorithm 2): about 95 % of all solutions.
+            `complete` of the answer is False except for the first.
+        locked: for seven joints: the index of a joint and its value (...,), which broadcasts with
+            the batch of poses; the answer is complete for these values. With a further axis of
+            values it is a sampled family: pose[..., None, :, :] and values (k,).
 
     Returns:
         `IKSolutions` with 16 slots. Nothing is raised for a pose that cannot be solved:
@@ -46,13 +57,18 @@ def inverse_kinematics(robot: Robot, pose: ArrayLike, method: Method | None = No
         forward and reverse mode; by the complete method also those with respect to the geometry.
 
     Raises:
-        ValueError: a wrong shape, an unknown method, an arm that the method does not fit.
+        ValueError: a wrong shape, an unknown method, an arm that the method does not fit, a joint
+            that cannot be locked.
         TypeError: a traced robot, for a method that needs a concrete one.
     """
     if method is None:
-        method = _method_for(robot)
+        method = _method_for(robot) if locked is None else "complete"
     if method not in _SOLVERS:
         raise ValueError(f"method: expected one of {', '.join(_SOLVERS)}, got {method!r}")
+    if locked is not None:
+        if method != "complete":
+            raise ValueError(f"locked: a joint can be locked for method 'complete', got {method!r}")
+        return solve_complete(robot, pose, locked)
     return _SOLVERS[method](robot, pose)
 
 
@@ -60,6 +76,7 @@ _SOLVERS: dict[Method, Callable[[Robot, ArrayLike], IKSolutions]] = {
     "complete": solve_complete,
     "continuation": solve_by_continuation,
     "multistart": solve_multistart,
+    "sampled": solve_sampled,
     "seeded": solve_seeded,
 }
 
@@ -67,8 +84,10 @@ _SOLVERS: dict[Method, Callable[[Robot, ArrayLike], IKSolutions]] = {
 def _method_for(robot: Robot) -> Method:
     if not isinstance(robot, Robot):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise TypeError(f"robot: expected a niryo_jax.Robot, got {type(robot).__name__}")
-    if robot.offset_wrist is not None:
+    if robot.offset_wrist is not None or any(plan.locked is None for plan in robot.plans):
         return "complete"
+    if spare(robot) is not None:
+        return "sampled"
     return "multistart" if nominal(robot) is None else "continuation"
 
 

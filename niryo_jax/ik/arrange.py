@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from niryo_jax import lanes
+from niryo_jax.ik.candidates import in_slots
 from niryo_jax.ik.solutions import SLOTS
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.tolerances import LIMIT_ROUNDING
@@ -55,14 +56,6 @@ Limits = tuple[jax.Array, jax.Array]
 """Lower and upper (n,)."""
 
 
-def in_slots(array: jax.Array, shape: tuple[int, ...]) -> jax.Array:
-    """Numbers of candidates in the shape (slots, batch), or where 8 slots are three signs from
-    any that broadcasts to (2, 2, 2, batch)."""
-    if array.shape == shape:
-        return array
-    return jnp.broadcast_to(array, (2, 2, 2, *shape[1:])).reshape(shape)
-
-
 def arrange(
     q: Lanes,
     found: jax.Array,
@@ -70,6 +63,7 @@ def arrange(
     label: jax.Array,
     singularity: jax.Array,
     limits: Limits,
+    periodic: tuple[bool, ...],
 ) -> Slots:
     """Order the candidates (slots first, or for `in_slots`) of a batch into `SLOTS` slots.
 
@@ -78,13 +72,14 @@ def arrange(
     count, dtype = found.shape[0], errors[0].dtype
     rounding = LIMIT_ROUNDING.of(dtype)
     angles, margin = list[jax.Array](), jnp.full(found.shape, jnp.inf, dtype)
-    for lane, lower, upper in zip(q, *limits):
+    for lane, lower, upper, turns in zip(q, *limits, periodic):
         angle = lane.array
-        # atan2 answers -pi where it may; the range is (-pi, pi].
-        angle = jnp.where(angle <= -np.pi, np.pi, angle)
-        up, down = angle + 2 * np.pi, angle - 2 * np.pi
-        angle = jnp.where((angle < lower) & (up <= upper + rounding), up, angle)
-        angle = jnp.where((angle > upper) & (down >= lower - rounding), down, angle)
+        if turns:
+            # atan2 answers -pi where it may; the range is (-pi, pi].
+            angle = jnp.where(angle <= -np.pi, np.pi, angle)
+            up, down = angle + 2 * np.pi, angle - 2 * np.pi
+            angle = jnp.where((angle < lower) & (up <= upper + rounding), up, angle)
+            angle = jnp.where((angle > upper) & (down >= lower - rounding), down, angle)
         angle = in_slots(lanes.store(Lane(angle)).array, found.shape)
         angles.append(angle)
         margin = jnp.minimum(margin, jnp.minimum(angle - lower, upper - angle))

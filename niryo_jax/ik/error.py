@@ -6,6 +6,7 @@ import math
 from typing import Literal
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from niryo_jax import lanes
@@ -14,7 +15,7 @@ from niryo_jax.geometry import Geometry
 from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lie import se3
-from niryo_jax.tolerances import IK_POSITION, IK_ROTATION
+from niryo_jax.tolerances import IK_POSITION, IK_ROTATION, OFF_TASK
 
 Frame = Literal["body", "space"]
 
@@ -70,3 +71,15 @@ def closes(position: jax.Array, rotation: jax.Array, share: jax.Array | float = 
     """Whether misses are within that share of what a solution may miss by."""
     dtype = position.dtype
     return (position < share * IK_POSITION.of(dtype)) & (rotation < share * IK_ROTATION.of(dtype))
+
+
+def may_close(joints: int, position: jax.Array, rotation: jax.Array) -> jax.Array:
+    """Whether a root of a closed form that misses may still be a solution, but for rounding.
+
+    With fewer than six joints the closed form satisfies fewer conditions than a pose has, and most
+    poses are missed by far.
+    """
+    if joints >= 6:
+        return jnp.ones(position.shape, bool)
+    far = OFF_TASK.of(position.dtype)
+    return (position < far) & (rotation < far)

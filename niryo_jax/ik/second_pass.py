@@ -15,11 +15,12 @@ import numpy as np
 from niryo_jax import lanes
 from niryo_jax.geometry import Geometry
 from niryo_jax.ik.arm import Arm
-from niryo_jax.ik.arrange import Answer, Limits, arrange, in_slots
+from niryo_jax.ik.arrange import Answer, Limits, arrange
 from niryo_jax.ik.batches import for_each_chunk
+from niryo_jax.ik.candidates import Candidates, in_slots
 from niryo_jax.ik.circle import circle_columns, obstacle, read_circle, wrist_circle
 from niryo_jax.ik.distinct import distinct
-from niryo_jax.ik.error import closes, misses
+from niryo_jax.ik.error import closes, may_close, misses
 from niryo_jax.ik.newton import refine
 from niryo_jax.ik.posture import branch_label, joint_angles
 from niryo_jax.ik.solutions import Singularity, less_turns
@@ -32,7 +33,6 @@ from niryo_jax.ik.subdivide import (
     find_roots,
     posture_of,
 )
-from niryo_jax.ik.sweep import spherical
 from niryo_jax.lanes import Lane
 from niryo_jax.tolerances import IK_POLISH, IK_POSITION
 
@@ -53,9 +53,9 @@ def by_subdivision(
     reach = obstacle(circle, rows, dtype)
     columns = lanes.pack(circle_columns(circle), (rows,), dtype)
     roots = find_roots(arm, columns, live & (reach == 0))
-    solved = _polish(
-        geometry, target, _joint_vectors(geometry, arm, columns, target, roots), roots.pose
-    )
+    periodic = (True,) * geometry.joints
+    solved = _joint_vectors(geometry, arm, columns, target, roots)
+    solved = _polish(geometry, target, solved, roots.pose, periodic)
     q, position, rotation = solved.q, solved.position, solved.rotation
     real = roots.pose < rows
     # A crossing's roots are met many times over; where two of them merge, only the best are alike.
@@ -87,32 +87,43 @@ def by_subdivision(
         jnp.int32(Singularity.NONE),
     )
     errors = position[taken], rotation[taken]
-    slots = arrange(candidates, found, errors, solved.label[taken], singularity, limits)
+    slots = arrange(candidates, found, errors, solved.label[taken], singularity, limits, periodic)
     proved = (reach > 0) | (roots.complete & ~incomplete)
     return Answer(slots, reach, proved)
 
 
 def by_polish(
-    geometry: Geometry, arm: Arm, target: jax.Array, live: jax.Array, limits: Limits
+    geometry: Geometry,
+    candidates: Candidates,
+    reach: jax.Array,
+    target: jax.Array,
+    live: jax.Array,
+    limits: Limits,
+    periodic: tuple[bool, ...],
 ) -> Answer:
-    """The answers of poses of an arm with a spherical wrist whose closed form is too rough."""
-    rows, dtype = target.shape[0], target.dtype
-    circle = wrist_circle(arm, lanes.columns(target, 2))
-    candidates = spherical(arm, circle, rows, dtype)
-    shape = candidates.exists.shape
-    slots = shape[0]
-    pose = jnp.where(candidates.exists & live, jnp.arange(rows), rows).reshape(-1)
+    """The answers of poses whose closed form is too rough: its candidates, polished."""
+    rows, shape = target.shape[0], candidates.exists.shape
+    which = jnp.broadcast_to(jnp.arange(rows), shape).reshape(-1)
+    possible = (candidates.exists & live).reshape(-1)
     q = jnp.stack([in_slots(lane.array, shape).reshape(-1) for lane in candidates.q], axis=-1)
-    goal = jnp.broadcast_to(target, (slots, rows, 4, 4)).reshape(-1, 4, 4)
-    label = candidates.label.reshape(-1)
-    solved = _Solved(q, *misses(geometry, goal, lanes.unpack(q)), label)
-    solved = _polish(geometry, target, solved, pose)
-    q, position, rotation, label = (x.reshape(slots, rows, *x.shape[1:]) for x in solved)
-    found = (pose < rows).reshape(slots, rows) & closes(position, rotation)
-    errors = position, rotation
-    arranged = arrange(lanes.unpack(q), found, errors, label, candidates.singularity, limits)
-    proved = ~jnp.any(candidates.exists & ~found, axis=0)
-    return Answer(arranged, obstacle(circle, rows, dtype), proved)
+    errors = misses(geometry.at(which), target[which], lanes.unpack(q))
+    solved = _Solved(q, *errors, candidates.label.reshape(-1))
+    solved = _polish(geometry, target, solved, jnp.where(possible, which, rows), periodic)
+    found = possible & closes(*solved.errors)
+    lost = possible & ~found & may_close(geometry.joints, *solved.errors)
+    q, position, rotation, label, found, lost = (
+        x.reshape(*shape, *x.shape[1:]) for x in (*solved, found, lost)
+    )
+    arranged = arrange(
+        lanes.unpack(q),
+        found,
+        (position, rotation),
+        label,
+        candidates.singularity,
+        limits,
+        periodic,
+    )
+    return Answer(arranged, reach, ~jnp.any(lost, axis=0))
 
 
 class _Solved(NamedTuple):
@@ -122,6 +133,11 @@ class _Solved(NamedTuple):
     position: jax.Array
     rotation: jax.Array
     label: jax.Array
+
+    @property
+    def errors(self) -> tuple[jax.Array, jax.Array]:
+        """Metres and radians by which they miss."""
+        return self.position, self.rotation
 
     def replace(self, where: jax.Array, new: _Solved) -> _Solved:
         """With the rows `where` replaced; rows out of range are left out."""
@@ -153,17 +169,23 @@ def _joint_vectors(
     return for_each_chunk(filled, min(_AT_ONCE, places), some, start)
 
 
-def _polish(geometry: Geometry, target: jax.Array, solved: _Solved, pose: jax.Array) -> _Solved:
+def _polish(
+    geometry: Geometry,
+    target: jax.Array,
+    solved: _Solved,
+    pose: jax.Array,
+    periodic: tuple[bool, ...],
+) -> _Solved:
     """Newton's method on the full pose for the joint vectors that miss by more than rounding."""
     tolerance = IK_POLISH.of(solved.q.dtype)
     rough = (solved.position > tolerance) | (solved.rotation > tolerance)
     rough = rough & (pose < target.shape[0])
 
     def again(state: _Solved, at: jax.Array, live: jax.Array) -> _Solved:
-        goal = target[jnp.minimum(pose[at], target.shape[0] - 1)]
-        q = refine(geometry, goal, state.q[at], _POLISHING)
-        q = less_turns(q, (True,) * geometry.joints)
-        position, rotation = misses(geometry, goal, lanes.unpack(q))
+        row = jnp.minimum(pose[at], target.shape[0] - 1)
+        goal, its = target[row], geometry.at(row)
+        q = less_turns(refine(its, goal, state.q[at], _POLISHING), periodic)
+        position, rotation = misses(its, goal, lanes.unpack(q))
         better = live & (position + rotation < state.position[at] + state.rotation[at])
         where = jnp.where(better, at, pose.shape[0])
         return state.replace(where, _Solved(q, position, rotation, state.label[at]))

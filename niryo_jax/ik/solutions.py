@@ -54,6 +54,7 @@ class Obstacle(IntEnum):
     TOO_FAR = 1
     TOO_NEAR = 2
     NO_ROOT = 3
+    NO_SOLUTION = 4
 
     @property
     def message(self) -> str:
@@ -69,6 +70,8 @@ _OBSTACLE = {
     "the folded arm can bring it.",
     Obstacle.NO_ROOT: "The wrist can be placed, but axes 4 and 5 can then never supply the rest of "
     "the rotation: the condition for it has no root, by a bound on how fast it varies.",
+    Obstacle.NO_SOLUTION: "The equations of the closed form have no real solution: the pose is too "
+    "far away, or none that an arm of fewer than six joints or with a locked joint can take.",
 }
 
 
@@ -116,12 +119,14 @@ class IKSolutions:
         label: (..., slots) which solution this is: 1 if the wrist reaches behind axis 1 (along
             P2 of docs/theory/complete-ik.md), plus 2 if the elbow angle is positive, plus 4 if
             theta_5 is, plus 8 times the number of solutions before it that are alike in all three
-            (which can change along a path); -1 where not `found`, or where the method has none.
+            (which can change along a path); for the other families the number of the choice of
+            roots; -1 where not `found`, or where the method has none.
         singularity: (..., slots) a `Singularity`; derivatives there are the least that follow the
             pose, and not those of an isolated solution.
         status: (...,) an `IKStatus`.
         obstacle: (...,) an `Obstacle`: what proves that an UNREACHABLE pose is.
-        complete: (...,) whether it is proved that there are no other solutions.
+        complete: (...,) whether it is proved that there are no other solutions (for the value of
+            the joint that is locked, if one is).
         count: (...,) the number of solutions found.
         pose_distance: (...,) distance of the pose as given from the rigid motion that was
             solved for (Frobenius norm).

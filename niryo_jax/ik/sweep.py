@@ -17,39 +17,16 @@ import numpy as np
 from niryo_jax import lanes
 from niryo_jax.ik import condition
 from niryo_jax.ik.arm import Arm
-from niryo_jax.ik.arrange import in_slots
+from niryo_jax.ik.candidates import Candidates, different, in_slots
 from niryo_jax.ik.circle import Circle
 from niryo_jax.ik.posture import Posture, branch_label, joint_angles, spherical_posture
 from niryo_jax.ik.solutions import Singularity
-from niryo_jax.lanes import Lane, Lanes
-from niryo_jax.tolerances import (
-    CLOSED_FORM,
-    SAME_SOLUTION,
-    SECANT,
-    SINGULAR_ANGLE,
-)
+from niryo_jax.lanes import Lane
+from niryo_jax.tolerances import CLOSED_FORM, SECANT, SINGULAR_ANGLE
 
 _ROUGH_SECANTS = 3
 _SECANTS = 2
 _MARGIN = 1e-3
-
-
-class Candidates(NamedTuple):
-    """Joint vectors of many poses, slots first.
-
-    Attributes:
-        q: n lanes for `in_slots`.
-        exists: (slots, batch) whether a slot holds a candidate.
-        label: (slots, batch) of `branch_label`.
-        singularity: (slots, batch) a `Singularity`.
-        proved: (batch,) whether the candidates are proved to be all there can be.
-    """
-
-    q: Lanes
-    exists: jax.Array
-    label: jax.Array
-    singularity: jax.Array
-    proved: jax.Array
 
 
 class _Brackets(NamedTuple):
@@ -147,7 +124,8 @@ def spherical(arm: Arm, circle: Circle, batch: int, dtype: np.dtype) -> Candidat
     found = spherical_posture(arm, circle, elbow, shoulder, root).stored()
     q = lanes.stored(joint_angles(arm, circle, found))
     miss = abs(found.dot - arm.wrist_angle)
-    exists = (miss < CLOSED_FORM.of(dtype)) & (found.inside >= 0.0) & ~_merged(q, batch, dtype)
+    exists = (miss < CLOSED_FORM.of(dtype)) & (found.inside >= 0.0)
+    exists = different(jnp.broadcast_to(exists, (2, 2, 2, batch)), q, (True,) * 6, dtype)
     label, singularity = branch_label(found, q[4]), _singularity(arm, found, dtype)
     exists, label, singularity = (in_slots(x, (8, batch)) for x in (exists, label, singularity))
     return Candidates(q, exists, label, singularity, jnp.ones(batch, bool))
@@ -168,17 +146,3 @@ def _singularity(arm: Arm, found: Posture, dtype: np.dtype) -> jax.Array:
     for name, here in reversed(which):
         code = lanes.select(here, float(name), code)
     return lanes.store(code, by=along).array.astype(jnp.int32)
-
-
-def _merged(q: Lanes, batch: int, dtype: np.dtype) -> jax.Array:
-    """Whether a solution is the same as the one that differs from it in one sign, and is later."""
-    merged = jnp.zeros((2, 2, 2, batch), bool)
-    for axis in range(3):
-        same = jnp.ones((2, 2, batch), bool)
-        for lane in q:
-            angle = jnp.broadcast_to(lane.array, merged.shape)
-            turn = jnp.abs(jnp.take(angle, 1, axis) - jnp.take(angle, 0, axis))
-            same = same & (jnp.minimum(turn, 2 * np.pi - turn) < SAME_SOLUTION.of(dtype))
-        later = jnp.stack([jnp.zeros_like(same), same], axis=axis)
-        merged = merged | later
-    return merged

@@ -38,6 +38,19 @@ def vee(matrix: ArrayLike) -> jax.Array:
 
 
 @jax.jit
+def from_rotation_and_position(rotation: ArrayLike, position: ArrayLike) -> jax.Array:
+    """The pose [[R, p], [0, 1]]: (..., 3, 3), (..., 3) -> (..., 4, 4) (Lynch & Park, eq. 3.62)."""
+    return on_lanes(assemble, ("rotation", rotation, (3, 3)), ("position", position, (3,)))
+
+
+@jax.jit
+def rotation_and_position(pose: ArrayLike) -> tuple[jax.Array, jax.Array]:
+    """R and p of a pose, undoing the above: (..., 4, 4) -> (..., 3, 3), (..., 3)."""
+    rotation, position = on_lanes(split, ("pose", pose, (4, 4)))
+    return rotation, position
+
+
+@jax.jit
 def inverse(pose: ArrayLike) -> jax.Array:
     """The inverse of a rigid motion: (..., 4, 4) -> (..., 4, 4) (Lynch & Park, eq. 3.64)."""
     return on_lanes(lambda m: assemble(*inverse_lanes(*split(m))), ("pose", pose, (4, 4)))
@@ -144,18 +157,35 @@ def axis_of_screw(screw: ArrayLike) -> ScrewAxis:
     """The line, pitch and magnitude of a screw or twist: (..., 6) -> `ScrewAxis` (eq. 3.82)."""
 
     def axis(s: Lanes) -> tuple[Lanes, Lanes, Lane, Lane]:
-        w, v = s[:3], s[3:]
-        rate, speed = lanes.norm(w), lanes.norm(v)
-        turning = rate > 0.0
-        moving = speed > 0.0
-        square = lanes.select(turning, w @ w, 1.0)
-        scale = lanes.select(turning, rate, lanes.select(moving, speed, 1.0))
-        direction = [lanes.select(turning, a, b) / scale for a, b in zip(w, v)]
-        pitch = lanes.select(turning, (w @ v) / square, lanes.select(moving, jnp.inf, 0.0))
-        magnitude = lanes.select(turning, rate, speed)
-        return lanes.cross(w, v) * (1.0 / square), lanes.lanes_of(direction), pitch, magnitude
+        unit, magnitude = unit_screw_lanes(s)
+        w, v = unit[:3], unit[3:]
+        turning = w @ w > 0.5
+        direction = lanes.choose(turning, w, v)
+        pitch = lanes.select(turning, w @ v, lanes.select(magnitude > 0.0, jnp.inf, 0.0))
+        return lanes.cross(w, v), direction, pitch, magnitude
 
     return ScrewAxis(*on_lanes(axis, ("screw", screw, (6,))))
+
+
+@jax.jit
+def unit_screw(twist: ArrayLike) -> tuple[jax.Array, jax.Array]:
+    """The unit screw S and the magnitude t with S t = twist: (..., 6) -> (..., 6), (...,).
+
+    |omega| = 1 and t in radians; |v| = 1 and t in metres where omega = 0 (Lynch & Park, definition
+    3.24). For the zero twist the screw and every derivative at it are 0.
+    """
+    screw, magnitude = on_lanes(unit_screw_lanes, ("twist", twist, (6,)))
+    return screw, magnitude
+
+
+def unit_screw_lanes(twist: Lanes) -> tuple[Lanes, Lane]:
+    """`unit_screw` on lanes."""
+    axis, angle = so3.axis_angle_lanes(twist[:3])
+    direction, distance = so3.axis_angle_lanes(twist[3:])
+    turning = angle > 0.0
+    linear = twist[3:] * (1.0 / lanes.select(turning, angle, 1.0))
+    screw = np.concatenate([axis, lanes.choose(turning, linear, direction)])
+    return screw, lanes.select(turning, angle, distance)
 
 
 _ROW = lanes.lanes_of([0.0, 0.0, 0.0, 1.0])

@@ -59,6 +59,16 @@ def log(rotation: ArrayLike) -> jax.Array:
 
 
 @jax.jit
+def axis_angle(w: ArrayLike) -> tuple[jax.Array, jax.Array]:
+    """The unit axis and the angle of a rotation vector: (..., 3) -> (..., 3), (...,), radians.
+
+    For w = 0 the axis and every derivative at it are 0 (Lynch & Park, section 3.2.3).
+    """
+    axis, angle = on_lanes(axis_angle_lanes, ("w", w, (3,)))
+    return axis, angle
+
+
+@jax.jit
 def project(matrix: ArrayLike) -> tuple[jax.Array, jax.Array]:
     """The rotation nearest to a matrix, and the distance to it: (..., 3, 3) -> (..., 3, 3), (...,).
 
@@ -104,6 +114,15 @@ def exp_lanes(w: Lanes) -> Lanes:
     """`exp` on lanes."""
     a, b, _ = exp_coefficients(w @ w)
     return lanes.identity(3) + a * lanes.hat(w) + b * hat_squared(w)
+
+
+def axis_angle_lanes(w: Lanes) -> tuple[Lanes, Lane]:
+    """`axis_angle` on lanes, at any scale."""
+    largest = lanes.maximum(abs(w[0]), lanes.maximum(abs(w[1]), abs(w[2])))
+    scale = Lane(jax.lax.stop_gradient(lanes.select(largest > 0.0, largest, 1.0).array))
+    unit = w * (1.0 / scale)
+    length = lanes.norm(unit)
+    return unit * (1.0 / lanes.select(largest > 0.0, length, 1.0)), length * scale
 
 
 def hat_squared(w: Lanes) -> Lanes:

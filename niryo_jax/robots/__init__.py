@@ -1,5 +1,8 @@
-"""Robots that come with the package."""
+"""Robots that come with the package, and robots from elsewhere."""
 
+from niryo_jax.robots.catalogue import load, names
+from niryo_jax.robots.dh import from_dh
+from niryo_jax.robots.mjcf import from_mjcf
 from niryo_jax.robots.niryo import (
     MODELS,
     NIRYO_NED,
@@ -10,6 +13,7 @@ from niryo_jax.robots.niryo import (
     niryo_ned2,
     niryo_one,
 )
+from niryo_jax.robots.urdf import from_urdf, to_urdf
 
 __all__ = [
     "MODELS",
@@ -17,7 +21,13 @@ __all__ = [
     "NIRYO_NED2",
     "NIRYO_ONE",
     "NiryoModel",
+    "from_dh",
+    "from_mjcf",
+    "from_urdf",
+    "load",
+    "names",
     "niryo_ned",
     "niryo_ned2",
     "niryo_one",
+    "to_urdf",
 ]

@@ -1,4 +1,4 @@
-"""Roll, pitch and yaw as the robot uses them: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+"""Roll, pitch and yaw as robots and URDF use them: R = Rz(yaw) Ry(pitch) Rx(roll); in numpy."""
 
 from __future__ import annotations
 

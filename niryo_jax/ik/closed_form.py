@@ -1,0 +1,215 @@
+"""Closed forms of the families of arms (`niryo_jax.families`), on lanes.
+
+Each family is solved by one-joint equations in turn, each with two roots at most, so that all its
+solutions are told apart by signs. The motion to supply is T M^-1 = exp(S1 q1) ... exp(Sn qn).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from niryo_jax import lanes
+from niryo_jax.chain import Motion, compose
+from niryo_jax.families import (
+    Family,
+    Schoenflies,
+    SphericalWrist,
+    ThreeParallel,
+    TwoTurnsTwoSlides,
+)
+from niryo_jax.geometry import Geometry
+from niryo_jax.ik import moves, shoulder
+from niryo_jax.ik.candidates import Candidates, different, in_slots
+from niryo_jax.ik.moves import Move, Roots, Signs, line_of, turn_between
+from niryo_jax.ik.roots import sinusoid_root
+from niryo_jax.ik.solutions import Singularity
+from niryo_jax.lanes import Lane, Lanes
+from niryo_jax.lie import se3
+
+
+def candidates(
+    family: Family, geometry: Geometry, target: Lanes, batch: int, dtype: np.dtype
+) -> Candidates:
+    """The joint vectors of a batch of poses, (4, 4) lanes, that can be solutions."""
+    motion = compose(se3.split(target), se3.inverse_lanes(*se3.split(geometry.home)))
+    motion = lanes.stored(motion[0]), lanes.stored(motion[1])
+    screws, reverse = geometry.screws, getattr(family, "reverse", False)
+    if reverse:
+        screws, motion = screws[::-1], se3.inverse_lanes(*motion)
+    axes = itertools.count(1)
+
+    def signs() -> Lane:
+        return Lane(jnp.array([1.0, -1.0], dtype).reshape(2, *[1] * next(axes)))
+
+    solve = _SOLVERS[type(family)]
+    found, roots = solve(family, screws, motion, signs)
+    if reverse:
+        found = [moves.back(move) for move in reversed(found)]
+    q = lanes.stored(lanes.lanes_of([moves.joint_value(move) for move in found]))
+    slots = 2**family.signs
+    exists, singular = jnp.bool_(True), jnp.int32(Singularity.NONE)
+    for name, of_equation in roots:
+        exists = exists & of_equation.exist
+        endless = name if name is Singularity.WRIST else Singularity.SELF_MOTION
+        singular = jnp.where(of_equation.double, jnp.int32(name), singular)
+        singular = jnp.where(of_equation.free, jnp.int32(endless), singular)
+    periodic = tuple(isinstance(move, np.ndarray) for move in found)
+    exists = jnp.broadcast_to(exists, (2,) * family.signs + (batch,))
+    exists = different(exists, q, periodic, dtype)
+    exists, singular = (in_slots(x, (slots, batch)) for x in (exists, singular))
+    label = jnp.broadcast_to(jnp.arange(slots, dtype=jnp.int32)[:, None], (slots, batch))
+    return Candidates(q, exists, label, singular, jnp.ones(batch, bool))
+
+
+Solution = tuple[list[Move], list[tuple[Singularity, Roots]]]
+"""The moves of all joints, the equations, and what it is called where two roots are one."""
+
+
+def _spherical_wrist(
+    family: SphericalWrist, screws: Lanes, motion: Motion, signs: Signs
+) -> Solution:
+    centre = moves.meeting_point(screws[3], screws[4])
+    rotation, position = motion
+    goal = lanes.stored(rotation @ centre + position)
+    arm, roots = shoulder.place(family.shoulder, screws[:3], centre, goal, signs)
+    left = rotation
+    for screw, move in zip(screws, arm):
+        left = moves.rotation(screw, moves.back(move)) @ left
+    wrist, last = _orient(screws[3:], lanes.stored(left), signs)
+    return [*arm, *wrist], [(Singularity.MERGED, roots), (Singularity.WRIST, last)]
+
+
+def _orient(screws: Lanes, rotation: Lanes, signs: Signs) -> tuple[list[Move], Roots]:
+    """exp([w1] t1) exp([w2] t2) exp([w3] t3) = R, for axes of which 1, 2 and 2, 3 are not parallel.
+
+    t2 brings w3 to the angle with w1 that R w3 has, t1 turns it there, and t3 is what is left
+    (Paden-Kahan 2 and 1).
+    """
+    w1, w2, w3 = (screw[:3] for screw in screws)
+    goal = rotation @ w3
+    foot = (w2 @ w3) * w2
+    x = w3 - foot
+    y = lanes.cross(w2, x)
+    # The squared volume that the axes span, of which |w1 x goal|^2 = 1 - (w1 . goal)^2 is a part.
+    side, a, d = lanes.cross(w1, goal), w1 @ w2, w2 @ w3
+    inside = side @ side - a * a - d * d + 2.0 * a * d * (w1 @ goal)
+    gap = w1 @ (foot - goal)
+    middle, roots = sinusoid_root(w1 @ x, w1 @ y, gap, signs(), Lane(1.0), inside)
+    middle = lanes.stored(middle)
+    first = lanes.stored(turn_between(w1, foot + middle[0] * x + middle[1] * y, goal))
+    # Any direction across axis 3 tells the last turn; the part of w2 there is never zero.
+    across = w2 - (w2 @ w3) * w3
+    seen = moves.turned(w1, moves.turn_back(first), rotation @ across)
+    seen = moves.turned(w2, moves.turn_back(middle), seen)
+    return [first, middle, turn_between(w3, across, seen)], roots
+
+
+def _three_parallel(family: ThreeParallel, screws: Lanes, motion: Motion, signs: Signs) -> Solution:
+    rotation, position = motion
+    w, w5, w6 = screws[1, :3], screws[4, :3], screws[5, :3]
+    # The three parallel axes never move a point along them, and axes 5 and 6 never move this one.
+    centre = moves.meeting_point(screws[4], screws[5])
+    goal = lanes.stored(rotation @ centre + position)
+    move_1, first = shoulder.on_surface(family.kind, screws[0], goal, (w, centre, None), signs)
+    move_1 = moves.stored(move_1)
+    seen = lanes.stored(rotation.T @ (moves.rotation(screws[0], move_1) @ w))
+    # exp(S5 q5) exp(S6 q6) must turn what is seen into w.
+    x = seen - (w6 @ seen) * w6
+    y = lanes.cross(w6, x)
+    move_6, sixth = sinusoid_root(w5 @ x, w5 @ y, w5 @ (seen - x - w), signs(), Lane(1.0))
+    move_6 = lanes.stored(move_6)
+    move_5 = lanes.stored(turn_between(w5, seen - x + move_6[0] * x + move_6[1] * y, w))
+    left = motion
+    for screw, move in ((screws[5], move_6), (screws[4], move_5)):
+        left = compose(left, _motion(screw, moves.back(move)))
+    left = compose(_motion(screws[0], moves.back(move_1)), left)
+    planar, elbow = _planar(screws[1:4], family.turns, left, signs)
+    roots = [(Singularity.MERGED, first), (Singularity.WRIST, sixth), (Singularity.ELBOW, elbow)]
+    return [move_1, *planar, move_5, move_6], roots
+
+
+def _planar(
+    screws: Lanes, turns: tuple[int, int, int], motion: Motion, signs: Signs
+) -> tuple[list[Move], Roots]:
+    """Three parallel axes that supply a motion of the plane across them (Pardos-Gotor 8)."""
+    rotation, position = lanes.stored(motion[0]), lanes.stored(motion[1])
+    w = screws[0, :3]
+    point = line_of(screws[2]).point
+    goal = lanes.stored(rotation @ point + position)
+    first, second, roots = shoulder.circles(screws[0], screws[1], point, goal, True, signs)
+    across = lanes.stored(_across(w))
+    whole = turn_between(w, across, rotation @ across)
+    before = moves.after(first, _same(second, turns[1]))
+    third = _same(moves.after(whole, moves.turn_back(before)), turns[2])
+    return [first, second, third], roots
+
+
+def _same(turn: Lanes, sign: int) -> Lanes:
+    """A turn about an axis, as one about an axis that points the same way or the other."""
+    return turn if sign > 0 else moves.turn_back(turn)
+
+
+def _across(w: Lanes) -> Lanes:
+    """A unit vector at right angles to a unit vector."""
+    x, y, z = w
+    flat = abs(z) > 0.8
+    zero = Lane(0.0)
+    side = lanes.choose(flat, np.array([-z, zero, x], dtype=object), np.array([-y, x, zero]))
+    return side * (1.0 / lanes.norm(side))
+
+
+def _motion(screw: Lanes, move: Move) -> Motion:
+    """exp([S] q)."""
+    if isinstance(move, Lane):
+        return lanes.identity(3), screw[3:] * move
+    rotation = moves.rotation(screw, move)
+    centre = line_of(screw).point
+    return rotation, centre - rotation @ centre
+
+
+def _schoenflies(family: Schoenflies, screws: Lanes, motion: Motion, signs: Signs) -> Solution:
+    slide = screws[family.slide, 3:]
+    axes = np.delete(screws, family.slide, axis=0)
+    rotation, position = motion
+    point = line_of(axes[2]).point
+    # The slide changes places with the turns about its own direction.
+    length = slide @ (rotation @ point + position - point)
+    planar, roots = _planar(axes, family.turns, (rotation, position - length * slide), signs)
+    planar.insert(family.slide, length)
+    return planar, [(Singularity.ELBOW, roots)]
+
+
+def _two_turns_two_slides(
+    family: TwoTurnsTwoSlides, screws: Lanes, motion: Motion, signs: Signs
+) -> Solution:
+    del signs
+    rotation, position = motion
+    (a, b), (c, d) = family.turns, family.slides
+    w1, w2 = screws[a, :3], screws[b, :3]
+    first = lanes.stored(turn_between(w1, w2, rotation @ w2))
+    across = w1 - (w1 @ w2) * w2
+    second = turn_between(w2, across, moves.turned(w1, moves.turn_back(first), rotation @ across))
+    turns = {a: first, b: lanes.stored(second)}
+    rest, directions = (lanes.identity(3), lanes.lanes_of([0.0, 0.0, 0.0])), list[Lanes]()
+    for joint, screw in enumerate(screws):
+        if joint in turns:
+            rest = compose(rest, _motion(screw, turns[joint]))
+        else:
+            directions.append(rest[0] @ screw[3:])
+    lengths = shoulder.combination(directions[0], directions[1], position - rest[1])
+    slides = dict(zip((c, d), lengths))
+    found = [turns[joint] if joint in turns else slides[joint] for joint in range(4)]
+    return found, []
+
+
+_SOLVERS: dict[type[Any], Callable[[Any, Lanes, Motion, Signs], Solution]] = {
+    SphericalWrist: _spherical_wrist,
+    ThreeParallel: _three_parallel,
+    Schoenflies: _schoenflies,
+    TwoTurnsTwoSlides: _two_turns_two_slides,
+}

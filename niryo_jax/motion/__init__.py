@@ -1,0 +1,24 @@
+"""Trajectories: paths between two joint vectors or two poses, and how they are run through in time.
+
+Lynch & Park, *Modern Robotics*, sections 9.1 and 9.2.
+"""
+
+from niryo_jax.motion.paths import (
+    JointTrajectory,
+    PoseTrajectory,
+    cartesian_trajectory,
+    joint_trajectory,
+    screw_trajectory,
+)
+from niryo_jax.motion.time_scaling import TimeScaling, cubic_time_scaling, quintic_time_scaling
+
+__all__ = [
+    "JointTrajectory",
+    "PoseTrajectory",
+    "TimeScaling",
+    "cartesian_trajectory",
+    "cubic_time_scaling",
+    "joint_trajectory",
+    "quintic_time_scaling",
+    "screw_trajectory",
+]

@@ -1,0 +1,162 @@
+"""The commands `niryo-jax robots` and `describe`."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import sys
+
+import numpy as np
+import pytest
+
+pytest.importorskip("typer")
+pytest.importorskip("rich")
+
+import niryo_jax as nj
+from niryo_jax.cli.app import run
+
+needs_yourdfpy = pytest.mark.skipif(
+    importlib.util.find_spec("yourdfpy") is None, reason="yourdfpy is not installed"
+)
+
+
+@pytest.fixture
+def cli(capsys):
+    """Run a command; its exit code, its stdout and its stderr."""
+
+    def command(*arguments: object) -> tuple[int, str, str]:
+        code = run([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return command
+
+
+@pytest.fixture
+def as_json(cli):
+    """Run a command with --json; its exit code and the one document on stdout."""
+
+    def command(*arguments: object) -> tuple[int, dict]:
+        code, out, _ = cli(*arguments, "--json")
+        return code, json.loads(out)
+
+    return command
+
+
+# --- robots
+
+
+def test_every_robot_is_listed(cli, as_json):
+    code, document = as_json("robots")
+    assert code == 0
+    listed = {arm["name"]: arm for arm in document["robots"]}
+    assert tuple(listed) == nj.robots.names()
+    for name, arm in listed.items():
+        robot = nj.robots.load(name)
+        assert arm["joints"] == robot.joints == len(arm["kinds"])
+        slides = np.all(np.asarray(robot.screws)[:, :3] == 0, axis=1)
+        assert [kind == "P" for kind in arm["kinds"]] == list(slides)
+        assert any("inverse kinematics" in line for line in arm["structure"])
+        for line in arm["structure"]:
+            assert line in robot.describe()
+    code, out, _ = cli("robots")
+    assert code == 0
+    for name in listed:
+        assert re.search(rf"^ *{name} .* {listed[name]['kinds']} ", out, re.MULTILINE)
+
+
+# --- describe
+
+
+def test_describe_shows_what_the_robot_says_of_itself(cli):
+    expected = nj.robots.niryo_one().describe()
+    for arguments in ((), ("niryo_one",), ("--robot", "niryo_one")):
+        assert cli("describe", *arguments) == (0, f"{expected}\n", "")
+
+
+@pytest.mark.parametrize("name", ["niryo_ned2", "abb_irb910sc"])
+def test_describe_takes_every_name(as_json, name):
+    robot = nj.robots.load(name)
+    code, document = as_json("describe", name)
+    assert code == 0
+    assert as_json("describe", "--robot", name) == (0, document)
+    assert document["robot"] == robot.name
+    assert document["joint_names"] == list(robot.joint_names)
+    assert document["description"] == robot.describe()
+    np.testing.assert_array_equal(document["screws"], robot.screws)
+    np.testing.assert_array_equal(document["home"], robot.home)
+    np.testing.assert_array_equal(document["lower_rad"], robot.lower)
+    np.testing.assert_array_equal(document["upper_rad"], robot.upper)
+
+
+ARM = """<robot name="arm"><link name="a"/><link name="b"/><link name="c"/><link name="d"/>
+<joint name="j1" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>
+<joint name="j2" type="prismatic"><parent link="b"/><child link="c"/>
+<limit lower="-1" upper="2"/></joint>
+<joint name="j3" type="fixed"><parent link="b"/><child link="d"/></joint></robot>"""
+
+
+@pytest.fixture
+def urdf(tmp_path):
+    """A URDF file of two leaves."""
+    file = tmp_path / "arm.urdf"
+    file.write_text(ARM)
+    return file
+
+
+@needs_yourdfpy
+def test_describe_reads_a_urdf_file(as_json, cli, urdf):
+    code, document = as_json("describe", urdf, "--tip", "c")
+    assert code == 0
+    assert (document["robot"], document["joint_names"]) == ("arm", ["j1", "j2"])
+    assert document["joint_kinds"] == ["revolute", "prismatic"]
+    # JSON has no infinity.
+    assert (document["lower_rad"], document["upper_rad"]) == ([None, -1], [None, 2])
+    code, document = as_json("describe", urdf, "--base", "b", "--tip", "c")
+    assert document["joint_names"] == ["j2"]
+    code, out, _ = cli("describe", urdf, "--tip", "c")
+    assert code == 0
+    assert out.startswith("arm: 2 joints\n  j1: revolute, along (0, 0, 1)")
+
+
+@needs_yourdfpy
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ([], "several chains start at link 'a'; choose one of 'c', 'd'"),
+        (["--tip", "x"], "tip: no link is named 'x'"),
+        (["--tip", "d", "--base", "b"], "no joint moves between links 'b' and 'd'"),
+    ],
+)
+def test_a_urdf_file_that_does_not_do_ends_with_2(cli, as_json, urdf, options, sentence):
+    code, out, err = cli("describe", urdf, *options)
+    assert (code, out) == (2, "")
+    assert sentence in err
+    code, document = as_json("describe", urdf, *options)
+    assert code == document["exit_code"] == 2
+    assert sentence in document["error"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["absent.urdf"], "'absent.urdf' is neither a URDF file nor one of the robots niryo_one"),
+        (["--robot", "absent"], "'absent' is neither"),
+        (["niryo_one", "--robot", "niryo_ned"], "name the robot once"),
+        (["niryo_one", "--tip", "hand"], "--base and --tip choose the chain of a URDF file"),
+        (["niryo_one", "niryo_ned"], "niryo_ned"),
+    ],
+)
+def test_wrong_arguments_end_with_2_and_one_sentence(cli, arguments, sentence):
+    code, out, err = cli("describe", *arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith("error: ")
+    assert sentence in err
+
+
+def test_a_missing_parser_ends_with_5(cli, urdf, monkeypatch):
+    monkeypatch.setitem(sys.modules, "yourdfpy", None)
+    code, out, err = cli("describe", urdf)
+    assert (code, out) == (5, "")
+    assert 'pip install "niryo_jax[urdf]"' in err
