@@ -2,6 +2,7 @@
 
 from niryo_jax import motion, robots, subproblems
 from niryo_jax.chain import forward_kinematics, link_poses
+from niryo_jax.differential import joint_rates, tool_velocity
 from niryo_jax.ik import (
     IKSolutions,
     IKStatus,
@@ -39,6 +40,7 @@ __all__ = [
     "forward_kinematics",
     "free_direction",
     "inverse_kinematics",
+    "joint_rates",
     "link_poses",
     "manipulability",
     "motion",
@@ -50,4 +52,5 @@ __all__ = [
     "so3",
     "space_jacobian",
     "subproblems",
+    "tool_velocity",
 ]

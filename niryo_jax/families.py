@@ -74,11 +74,14 @@ class SphericalWrist:
 
     def describe(self) -> tuple[str, str]:
         """The family, and its singularities."""
-        where = "1, 2 and 3" if self.reverse else "4, 5 and 6"
+        where, others = ("1, 2, 3", "4, 5, 6") if self.reverse else ("4, 5, 6", "1, 2, 3")
+        how = "axes in general position"
+        if self.shoulder.surface != "general":
+            how = f"two of them keep it on a {self.shoulder.surface}"
         return (
-            f"axes {where} meet in one point, which the other joints place "
-            f"(kept on a {self.shoulder.surface} by two of them)",
-            f"axes {where} in a plane, the meeting point on axis 1, the arm stretched or folded",
+            f"axes {where} meet in one point, which joints {others} place ({how})",
+            f"axes {where} in a plane, that point on another axis, joints {others} at the edge of "
+            "what they reach",
         )
 
 
@@ -229,7 +232,7 @@ def lock(screws: np.ndarray, joint: int, value: float) -> np.ndarray:
     if not np.any(w):
         rotation, position = np.eye(3), value * v
     else:
-        hat = np.cross(np.eye(3), w) * -1
+        hat = np.cross(np.eye(3), w)
         rotation = np.eye(3) + np.sin(value) * hat + (1 - np.cos(value)) * hat @ hat
         along = (w @ v) * w
         position = (np.eye(3) - rotation) @ np.cross(w, v) + value * along

@@ -48,3 +48,53 @@ def test_pick_and_place():
     result = run("04_pick_and_place")
     assert len(result.records) == 10
     np.testing.assert_allclose(result.position, [0.148, 0.148, 0.0], atol=1e-6)
+
+
+def test_puma_type():
+    result = run("05_puma_type")
+    assert (result.count, result.complete) == (8, True)
+    assert result.distance < 5e-4
+    assert result.numeric_miss == pytest.approx(0.434, abs=1e-3)
+    assert result.numeric_turn == pytest.approx(0.95, abs=5e-3)
+
+
+def test_gantry():
+    result = run("06_gantry")
+    assert (result.counts, result.complete) == ({4}, True)
+    assert result.slide_error < 1e-12
+    assert result.nearest_error < 1e-9
+
+
+def test_scara():
+    result = run("07_scara")
+    assert result.counts == {2}
+    np.testing.assert_allclose(sorted(result.elbows), [-60, 60])
+    status = nj.IKStatus
+    assert result.statuses == (status.UNREACHABLE, status.UNREACHABLE, status.OUTSIDE_LIMITS)
+
+
+def test_ur_type():
+    result = run("08_ur_type")
+    assert set(result.counts) <= {2, 4, 6, 8}
+    assert result.solved == sum(result.counts.values()) == 500
+    assert result.largest_error <= 1e-12
+    assert result.largest_step <= 0.1 + 1e-9
+
+
+def test_redundant_arm():
+    result = run("09_redundant_arm")
+    assert result.solutions.shape == (16, 7)
+    apart = np.abs(result.solutions[:, None] - result.solutions).max(axis=-1)
+    assert np.min(apart + 9 * np.eye(16)) > 1e-2
+    assert result.largest_error <= 1e-12
+    assert result.family > 100
+    assert result.margin > 0.5
+
+
+def test_differential_kinematics():
+    result = run("10_differential_kinematics")
+    np.testing.assert_allclose(result.velocity, [0, -0.92, 0, 0.14, 0, -0.23], atol=1e-3)
+    assert result.round_trip < 1e-12
+    assert result.fastest[2] > 1000
+    assert np.all(result.damped < 3)
+    assert np.all(result.error < 0.25)

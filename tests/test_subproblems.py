@@ -117,6 +117,8 @@ def test_axes_that_miss_each_other_have_no_solution_in_subproblem_2(rng):
     wrong = np.asarray(answer.residual)[np.asarray(answer.valid)]
     assert np.all(wrong < 1e-8)
     assert np.mean(np.asarray(answer.kind) == SubproblemKind.NONE) > 0.99
+    unsolved = ~np.any(answer.valid, axis=-1)
+    np.testing.assert_array_equal(np.asarray(answer.kind) == SubproblemKind.NONE, unsolved)
 
 
 def test_generating_angles_are_among_the_answers(rng):

@@ -25,11 +25,12 @@ from niryo_jax.families import (
 from niryo_jax.geometry import Geometry
 from niryo_jax.ik import moves, shoulder
 from niryo_jax.ik.candidates import Candidates, different, in_slots
-from niryo_jax.ik.moves import Move, Roots, Signs, line_of, turn_between
+from niryo_jax.ik.moves import Move, Roots, Signs, away_from, line_of, turn_between
 from niryo_jax.ik.roots import sinusoid_root
 from niryo_jax.ik.solutions import Singularity
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lie import se3
+from niryo_jax.tolerances import IK_POLISH
 
 
 def candidates(
@@ -124,13 +125,37 @@ def _three_parallel(family: ThreeParallel, screws: Lanes, motion: Motion, signs:
     move_6, sixth = sinusoid_root(w5 @ x, w5 @ y, w5 @ (seen - x - w), signs(), Lane(1.0))
     move_6 = lanes.stored(move_6)
     move_5 = lanes.stored(turn_between(w5, seen - x + move_6[0] * x + move_6[1] * y, w))
-    left = motion
+    before = compose(_motion(screws[0], moves.back(move_1)), motion)
+    # Where axis 6 is parallel to the three, any turn about it does: one within reach is taken.
+    any_turn = lanes.norm(x) <= IK_POLISH.of(jnp.result_type(x[0].value))
+    move_6 = lanes.choose(any_turn, _elbow_turn(screws, before, move_5), move_6)
+    move_6 = lanes.stored(move_6)
+    left = before
     for screw, move in ((screws[5], move_6), (screws[4], move_5)):
         left = compose(left, _motion(screw, moves.back(move)))
-    left = compose(_motion(screws[0], moves.back(move_1)), left)
     planar, elbow = _planar(screws[1:4], family.turns, left, signs)
     roots = [(Singularity.MERGED, first), (Singularity.WRIST, sixth), (Singularity.ELBOW, elbow)]
     return [move_1, *planar, move_5, move_6], roots
+
+
+def _elbow_turn(screws: Lanes, motion: Motion, move_5: Lanes) -> Lanes:
+    """The turn about axis 6, where it is parallel to axes 2 to 4, that suits the elbow best.
+
+    Each turn then leaves axis 4 at another distance from axis 2. This is the one for which the
+    elbow is bent at a right angle, or comes nearest to it.
+    """
+    second, third, fourth, sixth = (line_of(screws[i]) for i in (1, 2, 3, 5))
+    links = away_from(second, third.point), away_from(third, fourth.point)
+    wanted = links[0] @ links[0] + links[1] @ links[1]
+    point = moves.carried(screws[4], moves.back(move_5), fourth.point)
+    rotation, position = se3.inverse_lanes(*motion)
+    x = away_from(sixth, point)
+    y = lanes.cross(sixth.direction, x)
+    away = away_from(sixth, rotation @ second.point + position)
+    gap = away @ away + x @ x - wanted
+    scale = lanes.norm(x) + lanes.norm(away)
+    p, q = -2.0 * (away @ x), 2.0 * (away @ y)
+    return sinusoid_root(p, q, gap, 1.0, scale * scale)[0]
 
 
 def _planar(

@@ -1,0 +1,149 @@
+"""Random arms of every family with a closed form, and a search for all solutions in plain numpy."""
+
+from __future__ import annotations
+
+import numpy as np
+from support import random_poses, unit_vectors
+
+import niryo_jax as nj
+
+
+def _axis(rng: np.random.Generator, direction: np.ndarray, point: np.ndarray) -> np.ndarray:
+    return np.concatenate([direction, np.cross(point, direction)])
+
+
+def _slide(direction: np.ndarray) -> np.ndarray:
+    return np.concatenate([np.zeros(3), direction])
+
+
+class _Maker:
+    """Joints that share a direction or a point, in the shorthand of `FAMILIES`.
+
+    R a revolute joint anywhere, P a prismatic one; p a revolute joint parallel to a common
+    direction, q one that points the other way; m a revolute joint through a common point; w one
+    through another; s a prismatic joint at right angles to the common direction, a one along it.
+    """
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.rng = rng
+        self.direction = unit_vectors(rng)
+        self.shared = {"m": rng.standard_normal(3), "w": rng.standard_normal(3)}
+
+    def joint(self, letter: str) -> np.ndarray:
+        rng, common = self.rng, self.direction
+        if letter in "mw":
+            return _axis(rng, unit_vectors(rng), self.shared[letter])
+        if letter in "Rpq":
+            direction = {"R": unit_vectors(rng), "p": common, "q": -common}[letter]
+            return _axis(rng, direction, rng.standard_normal(3))
+        across = np.cross(common, unit_vectors(rng))
+        across = across / np.linalg.norm(across)
+        return _slide({"P": unit_vectors(rng), "s": across, "a": common}[letter])
+
+
+FAMILIES = {
+    "shoulder with parallel axes 2 and 3": "Rpqwww",
+    "shoulder with parallel axes 1 and 2": "ppRwww",
+    "shoulder with axes 2 and 3 that meet": "Rmmwww",
+    "shoulder with axes 1 and 2 that meet": "mmRwww",
+    "shoulder in general position": "RRRwww",
+    "spherical base, shoulder in general position": "wwwRRR",
+    "gantry": "Ppqwww",
+    "slide before axes that meet": "Pmmwww",
+    "slide behind parallel axes": "ppPwww",
+    "slide behind axes that meet": "mmPwww",
+    "cylindrical": "RPPwww",
+    "two slides first": "PPRwww",
+    "three slides": "PPPwww",
+    "slide across axis 2": "Rpswww",
+    "slide across axis 3": "Rspwww",
+    "slides about an axis": "Ppswww",
+    "three parallel axes": "Rpqpww",
+    "three parallel axes behind a slide": "Pppqww",
+    "three parallel axes, from the other end": "wwppqR",
+    "SCARA": "ppaq",
+    "slide first": "appp",
+    "two turns and two slides": "RPRP",
+    "cylindrical with a roll": "RPPR",
+}
+
+
+def arm(name: str, rng: np.random.Generator) -> nj.Robot:
+    """A random arm of a family."""
+    maker = _Maker(rng)
+    screws = np.stack([maker.joint(letter) for letter in FAMILIES[name]])
+    return nj.Robot.from_screws(screws, random_poses(rng), name=name)
+
+
+def joint_vectors(robot: nj.Robot, count: int, rng: np.random.Generator) -> np.ndarray:
+    """(count, n) joint values, slides within a metre."""
+    q = rng.uniform(-np.pi, np.pi, (count, robot.joints))
+    return np.where(turns(robot), q, q / np.pi)
+
+
+def turns(robot: nj.Robot) -> np.ndarray:
+    """(n,) whether a joint is revolute."""
+    return np.any(np.asarray(robot.screws)[:, :3] != 0, axis=1)
+
+
+def apart(robot: nj.Robot, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The largest difference of a joint, whole turns left out."""
+    difference = a - b
+    wrapped = (difference + np.pi) % (2 * np.pi) - np.pi
+    return np.abs(np.where(turns(robot), wrapped, difference)).max(axis=-1)
+
+
+def forward(robot: nj.Robot, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Poses (..., 4, 4) and space Jacobians (..., 6, n), screw by screw, in numpy."""
+    screws = np.asarray(robot.screws)
+    pose = np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4))
+    columns = []
+    for screw, angle in zip(screws, np.moveaxis(q, -1, 0)):
+        w, v = screw[:3], screw[3:]
+        rotation, position = pose[..., :3, :3], pose[..., :3, 3]
+        turned = rotation @ w
+        columns.append(np.concatenate([turned, rotation @ v + np.cross(position, turned)], axis=-1))
+        step = np.zeros((*q.shape[:-1], 4, 4))
+        step[..., 3, 3] = 1
+        hat = np.cross(np.eye(3), w)
+        sin, cos = np.sin(angle)[..., None, None], np.cos(angle)[..., None, None]
+        step[..., :3, :3] = np.eye(3) + sin * hat + (1 - cos) * hat @ hat
+        centre = np.cross(w, v)
+        moved = angle[..., None] * v if not np.any(w) else centre - step[..., :3, :3] @ centre
+        step[..., :3, 3] = moved
+        pose = pose @ step
+    return pose @ np.asarray(robot.home), np.stack(columns, axis=-1)
+
+
+def search(
+    robot: nj.Robot, pose: np.ndarray, starts: int, rng: np.random.Generator, steps: int = 60
+) -> list[np.ndarray]:
+    """The different solutions of one pose (4, 4) that damped Newton steps from random joint vectors
+    end at."""
+    q = joint_vectors(robot, starts, rng)
+    for _ in range(steps):
+        reached, jacobian = forward(robot, q)
+        turn = pose[:3, :3] @ np.swapaxes(reached[..., :3, :3], -1, -2)
+        w = 0.5 * np.stack(
+            [
+                turn[..., 2, 1] - turn[..., 1, 2],
+                turn[..., 0, 2] - turn[..., 2, 0],
+                turn[..., 1, 0] - turn[..., 0, 1],
+            ],
+            axis=-1,
+        )
+        # The twist in the space frame that carries the tool's origin to its goal.
+        away = pose[:3, 3] - reached[..., :3, 3]
+        twist = np.concatenate([w, away - np.cross(w, reached[..., :3, 3])], axis=-1)
+        damping = 1e-3 * np.minimum(np.sum(twist**2, axis=-1), 1.0)[..., None, None]
+        normal = np.swapaxes(jacobian, -1, -2) @ jacobian + damping * np.eye(robot.joints)
+        normal = normal + 1e-14 * np.eye(robot.joints)
+        step = np.linalg.solve(normal, np.swapaxes(jacobian, -1, -2) @ twist[..., None])[..., 0]
+        q = q + np.clip(step, -0.5, 0.5)
+    reached, _ = forward(robot, q)
+    good = q[np.abs(reached - pose).max(axis=(1, 2)) < 1e-10]
+    found: list[np.ndarray] = []
+    for candidate in good:
+        if all(apart(robot, candidate, other) > 1e-5 for other in found):
+            found.append(candidate)
+    return found

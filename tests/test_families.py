@@ -1,0 +1,347 @@
+"""Closed forms of the families of arms: complete, exact, and right where arms are singular."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import arms
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support import BATCHES, DATA, product_of_exponentials
+
+import niryo_jax as nj
+from niryo_jax import families
+from niryo_jax.ik import IKStatus, Singularity
+
+ROBOTS = json.loads((DATA / "book_robots.json").read_text())["robots"]
+BOOK = {entry["name"]: entry for entry in ROBOTS}
+SIX_OR_FOUR = [
+    "ABB IRB1600",
+    "ABB IRB6620LX gantry (2022 book)",
+    "ABB IRB910SC scara (2018 book)",
+    "Universal Robots UR16e",
+    "4-DOF R-T-T-R exercise robot",
+]
+QUICK = (
+    "shoulder with axes 2 and 3 that meet",
+    "spherical base, shoulder in general position",
+    "slide across axis 2",
+    "three parallel axes, from the other end",
+    "two turns and two slides",
+)
+POSES = 200
+
+
+def book(name):
+    entry = BOOK[name]
+    return nj.Robot.from_screws(entry["screws"], entry["home_pose"], name=name)
+
+
+def check_solutions(robot, poses, answer, tolerance=1e-12):
+    """Every answer closes and is listed once; returns the lists of solutions."""
+    found, q = np.asarray(answer.found), np.asarray(answer.q)
+    assert np.all(np.isfinite(q))
+    assert np.array_equal(found.sum(axis=-1), answer.count)
+    lists = [q[i][found[i]] for i in range(len(poses))]
+    for pose, solutions in zip(poses, lists):
+        reached = product_of_exponentials(robot.screws, robot.home, solutions)
+        assert np.max(np.abs(reached - pose), initial=0.0) < tolerance
+        near = [arms.apart(robot, q, solutions) < 1e-6 for q in solutions]
+        assert np.array_equal(np.array(near).reshape(len(near), -1), np.eye(len(near)))
+    return lists
+
+
+def has(robot, solutions, q, tolerance=1e-6):
+    return bool(np.any(arms.apart(robot, solutions, q) < tolerance))
+
+
+def poses_of(robot, q):
+    return product_of_exponentials(robot.screws, robot.home, q).astype(float)
+
+
+LARGE = [pytest.param(name, marks=pytest.mark.completeness) for name in arms.FAMILIES]
+
+
+@pytest.mark.parametrize("name", [*QUICK, *LARGE])
+def test_random_arms_are_solved_completely(name, rng):
+    robot = arms.arm(name, rng)
+    assert [plan.locked for plan in robot.plans] == [None]
+    q = arms.joint_vectors(robot, POSES, rng)
+    poses = poses_of(robot, q)
+    answer = nj.inverse_kinematics(robot, poses)
+    assert np.all(np.asarray(answer.complete))
+    lists = check_solutions(robot, poses, answer)
+    assert all(has(robot, *pair) for pair in zip(lists, q))
+    most = 2 ** robot.plans[0].family.signs
+    assert max(map(len, lists)) <= most
+    for pose, solutions in zip(poses[:4], lists):
+        searched = arms.search(robot, pose, 200, rng)
+        assert searched
+        assert all(has(robot, solutions, q) for q in searched)
+
+
+@pytest.mark.parametrize("name", SIX_OR_FOUR)
+def test_the_sets_of_the_book_are_found(name):
+    robot = book(name)
+    cases = BOOK[name]["ik"]
+    poses = np.array([case["pose"] for case in cases or BOOK[name]["fk"]])
+    answer = nj.inverse_kinematics(robot, poses)
+    assert np.all(np.asarray(answer.complete))
+    lists = check_solutions(robot, poses, answer)
+    for case, solutions in zip(cases, lists):
+        assert len(solutions) == len(case["solutions"])
+        assert all(has(robot, solutions, q) for q in np.array(case["solutions"]))
+    for case, solutions in zip([] if cases else BOOK[name]["fk"], lists):
+        assert has(robot, solutions, np.array(case["theta"]))
+
+
+def near_singular(name, rng, count=POSES):
+    """Joint vectors at a singularity of a robot of the book or near it, and which are at it."""
+    robot = nj.robots.load("abb_irb1600" if name.startswith("irb") else "ur16e")
+    q = rng.uniform(-3, 3, (count, 6))
+    off = rng.choice([0.0, 1e-12, 1e-9, 1e-7, 1e-5], count)
+    if name == "irb1600 wrist" or name == "ur wrist":
+        q[:, 4] = off
+    elif name == "irb1600 elbow":
+        q[:, 2] = np.pi / 2 + off
+    elif name == "ur elbow":
+        q[:, 2] = off
+    else:
+        # The wrist on axis 1: 0.15 + 0.475 sin q2 + 0.6 cos(q2 + q3) = 0, solved for q3.
+        q[:, 1] = rng.uniform(-0.5, 0.5, count)
+        q[:, 2] = np.arccos(-(0.15 + 0.475 * np.sin(q[:, 1])) / 0.6) - q[:, 1] + off
+    return robot, q, off == 0
+
+
+@pytest.mark.parametrize(
+    "name", ["irb1600 wrist", "irb1600 elbow", "irb1600 shoulder", "ur wrist", "ur elbow"]
+)
+def test_singular_poses_are_solved_and_named(name, rng):
+    robot, q, exact = near_singular(name, rng)
+    poses = poses_of(robot, q)
+    answer = nj.inverse_kinematics(robot, poses)
+    found = np.asarray(answer.found)
+    assert np.all(found.any(axis=1))
+    assert np.all(np.asarray(answer.complete))
+    reached = product_of_exponentials(robot.screws, robot.home, np.asarray(answer.q))
+    assert np.max(np.abs(reached - poses[:, None])[found]) < 1e-12
+    if "shoulder" not in name:
+        codes = np.asarray(answer.singularity)[exact & found.any(axis=1)]
+        wanted = {"wrist": [Singularity.WRIST], "elbow": [Singularity.ELBOW, Singularity.MERGED]}
+        assert np.all(np.isin(codes, wanted[name.split()[1]]).any(axis=1))
+
+
+def test_what_is_out_of_reach_is_proved_to_be(rng):
+    for name, joints in (("abb_irb1600", 6), ("abb_irb910sc", 4)):
+        robot = nj.robots.load(name)
+        poses = poses_of(robot, rng.uniform(-1, 1, (POSES, joints)))
+        poses[:, :3, 3] += [9.0, 0.0, 0.0]
+        answer = nj.inverse_kinematics(robot, poses)
+        assert np.all(np.asarray(answer.status) == IKStatus.UNREACHABLE)
+        assert np.all(np.asarray(answer.complete))
+        assert "closed form" in answer.message(0)
+
+
+def test_scara_takes_only_poses_of_its_task_space(rng):
+    robot = nj.robots.load("abb_irb910sc")
+    poses = poses_of(robot, rng.uniform(-1, 1, (POSES, 4)))
+    tilted = poses @ np.asarray(nj.se3.exp(jnp.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0])))
+    assert np.all(np.asarray(nj.inverse_kinematics(robot, poses).count) >= 1)
+    answer = nj.inverse_kinematics(robot, tilted)
+    assert np.all(np.asarray(answer.status) == IKStatus.UNREACHABLE)
+
+
+@pytest.mark.parametrize("name", ["ur16e"])
+def test_float32_agrees_with_float64(name, rng):
+    robot = nj.robots.load(name)
+    q = rng.uniform(-2, 2, (POSES, 6))
+    poses = poses_of(robot, q)
+    exact, rough = (nj.inverse_kinematics(robot, poses.astype(t)) for t in (np.float64, np.float32))
+    assert rough.q.dtype == np.float32
+    assert np.mean(np.asarray(exact.count) == np.asarray(rough.count)) > 0.9
+    found = np.asarray(rough.found)
+    reached = product_of_exponentials(robot.screws, robot.home, np.asarray(rough.q, float))
+    size = 1 + np.abs(np.asarray(rough.q, float)).max(axis=-1)
+    misses = np.abs(reached - poses[:, None]).max(axis=(-1, -2)) / size
+    assert np.max(misses[found]) < 3e-6
+
+
+@pytest.mark.completeness
+def test_derivatives_with_respect_to_pose_and_geometry(rng):
+    robot = nj.robots.load("abb_irb910sc")
+    q = jnp.asarray(rng.uniform(-1, 1, 4))
+
+    @jax.jit
+    def solve(q, screws):
+        arm = dataclasses.replace(robot, screws=screws)
+        return nj.inverse_kinematics(arm, nj.forward_kinematics(robot, q)).q[0]
+
+    # The second axis moves sideways, and its pose with it.
+    shift = np.zeros((4, 6))
+    shift[1, 3:] = np.cross([0.3, 0.0, -0.2], robot.screws[1, :3])
+    point, direction = (q, jnp.asarray(robot.screws)), (jnp.asarray(rng.standard_normal(4)), shift)
+    tangent = jax.jvp(solve, point, direction)[1]
+    h = 1e-6
+    ahead, behind = (solve(*(x + s * h * d for x, d in zip(point, direction))) for s in (1, -1))
+    np.testing.assert_allclose(tangent, (ahead - behind) / (2 * h), atol=2e-6)
+    gradients = jax.grad(lambda *x: solve(*x) @ jnp.arange(4.0), (0, 1))(*point)
+    along = sum(jnp.sum(g * d) for g, d in zip(gradients, direction))
+    np.testing.assert_allclose(along, tangent @ jnp.arange(4.0), rtol=1e-9)
+
+
+def test_derivatives_with_respect_to_the_pose(rng):
+    robot = nj.robots.load("abb_irb910sc")
+    q = rng.uniform(-1, 1, 4)
+
+    def solve(q):
+        return nj.inverse_kinematics(robot, nj.forward_kinematics(robot, q)).q[0]
+
+    np.testing.assert_allclose(np.abs(jax.jacfwd(solve)(q)[1]), [0, 1, 0, 0], atol=1e-9)
+    rates = jax.jacfwd(solve)(q)
+    h = 1e-6
+    for i, unit in enumerate(np.eye(4)):
+        difference = (solve(q + h * unit) - solve(q - h * unit)) / (2 * h)
+        np.testing.assert_allclose(rates[:, i], difference, atol=1e-6)
+
+
+def test_gradients_are_finite_at_singular_poses_and_out_of_reach():
+    robot = nj.robots.load("abb_irb910sc")
+    poses = np.stack([poses_of(robot, np.zeros(4)), np.eye(4), np.full((4, 4), np.nan)])
+    gradient = jax.grad(lambda pose: jnp.sum(nj.inverse_kinematics(robot, pose).q ** 2))
+    assert np.all(np.isfinite(np.asarray(gradient(jnp.asarray(poses)))))
+
+
+@pytest.mark.parametrize("batch", BATCHES)
+def test_batch_axes_are_kept(batch):
+    robot = nj.robots.load("abb_irb910sc")
+    pose = np.broadcast_to(poses_of(robot, np.full(4, 0.1)), (*batch, 4, 4))
+    answer = nj.inverse_kinematics(robot, pose)
+    assert answer.q.shape == (*batch, 16, 4)
+    assert answer.count.shape == batch
+    assert np.all(np.asarray(answer.count) == 2)
+
+
+class TestSevenJoints:
+    """An arm with a joint to spare."""
+
+    def test_sets_of_the_book(self):
+        for name in ("upright home (2022 book)", "bent home (2018 book)"):
+            entry = BOOK[f"KUKA LBR iiwa 14 R820, {name}"]
+            robot = book(entry["name"])
+            for case in entry["ik"]:
+                locked = case["locked_joint"] - 1, case["locked_value"]
+                pose = np.array([case["pose"]])
+                answer = nj.inverse_kinematics(robot, pose, locked=locked)
+                (solutions,) = check_solutions(robot, pose, answer)
+                assert len(solutions) == len(case["solutions"])
+                assert all(has(robot, solutions, q) for q in np.array(case["solutions"]))
+
+    def test_theta_3_and_theta_1_give_the_16_of_the_book(self):
+        entry = BOOK["KUKA LBR iiwa 14 R820, upright home (2022 book)"]
+        robot = book(entry["name"])
+        for case in entry["ik_16"]:
+            given = case["redundancy_inputs"]
+            found = []
+            for joint, key in ((2, "theta3"), (0, "theta1")):
+                locked = joint, given[key]
+                answer = nj.inverse_kinematics(robot, np.array(case["pose"]), locked=locked)
+                found.append(np.asarray(answer.q)[np.asarray(answer.found)])
+            assert [len(part) for part in found] == [8, 8]
+            together = np.concatenate(found)
+            assert all(has(robot, together, q) for q in np.array(case["solutions"]))
+
+    def test_each_joint_that_can_be_locked_gives_back_what_made_the_pose(self, rng):
+        robot = nj.robots.load("kuka_iiwa14")
+        q = rng.uniform(robot.lower, robot.upper, (POSES, 7))
+        poses = poses_of(robot, q)
+        assert [plan.locked for plan in robot.plans] == [2, 0, 1, 4, 5, 6]
+        for joint in (0, 5):
+            answer = nj.inverse_kinematics(robot, poses, locked=(joint, q[:, joint]))
+            assert np.all(np.asarray(answer.complete))
+            lists = check_solutions(robot, poses, answer)
+            assert all(has(robot, *pair) for pair in zip(lists, q))
+            np.testing.assert_array_equal(
+                np.asarray(answer.q)[..., joint][np.asarray(answer.found)],
+                np.broadcast_to(q[:, None, joint], answer.found.shape)[np.asarray(answer.found)],
+            )
+
+    def test_without_a_value_the_best_of_many_is_given(self, rng):
+        robot = nj.robots.load("kuka_iiwa14")
+        poses = poses_of(robot, rng.uniform(robot.lower, robot.upper, (20, 7)))
+        answer = nj.inverse_kinematics(robot, poses)
+        assert np.all(np.asarray(answer.status) == IKStatus.SOLVED)
+        assert not np.any(np.asarray(answer.complete))
+        check_solutions(robot, poses, answer)
+        margin = np.minimum(answer.q - robot.lower, robot.upper - answer.q).min(axis=-1)
+        assert np.all(np.diff(margin, axis=1) <= 1e-12)
+
+    @pytest.mark.completeness
+    def test_derivatives_hold_the_locked_joint(self, rng):
+        robot = nj.robots.load("kuka_iiwa14")
+        q = rng.uniform(-1, 1, 7)
+
+        def solve(value, q):
+            return nj.inverse_kinematics(
+                robot, nj.forward_kinematics(robot, q), locked=(2, value)
+            ).q[0]
+
+        jacobian = jax.jacfwd(solve)(q[2], q)
+        h = 1e-6
+        difference = (solve(q[2] + h, q) - solve(q[2] - h, q)) / (2 * h)
+        np.testing.assert_allclose(jacobian, difference, atol=1e-6)
+        assert jacobian[2] == 1.0
+
+    def test_wrong_use_is_refused_by_name(self):
+        robot, six = nj.robots.load("kuka_iiwa14"), nj.robots.load("ur16e")
+        for arm, locked, words in (
+            (robot, (3, 0.0), "joint 3 of kuka_iiwa14 cannot be locked"),
+            (robot, (7, 0.0), "joint 7 of kuka_iiwa14 cannot be locked"),
+            (six, (2, 0.0), "cannot be locked"),
+        ):
+            with pytest.raises(ValueError, match=words):
+                nj.inverse_kinematics(arm, np.eye(4), locked=locked)
+        with pytest.raises(ValueError, match="needs a joint of kuka_iiwa14 to be locked"):
+            nj.inverse_kinematics(robot, np.eye(4), method="complete")
+        with pytest.raises(ValueError, match="for method 'complete', got 'sampled'"):
+            nj.inverse_kinematics(robot, np.eye(4), method="sampled", locked=(2, 0.0))
+        with pytest.raises(ValueError, match="'sampled' needs seven joints"):
+            nj.inverse_kinematics(six, np.eye(4), method="sampled")
+
+
+def test_arms_of_no_family_have_no_plan(rng):
+    general = nj.Robot.from_axes(
+        rng.standard_normal((6, 3)), rng.standard_normal((6, 3)), np.eye(4)
+    )
+    assert general.plans == ()
+    # A helical joint, slides that are parallel, a shoulder whose axes meet in one point.
+    helical = np.array(general.screws)
+    helical[0, 3:] += helical[0, :3]
+    assert families.find(helical) == ()
+    slides = np.zeros((4, 6))
+    slides[:2, 5], slides[2:, :3] = 1.0, np.eye(3)[:2]
+    assert families.find(slides) == ()
+    point, wrist = rng.standard_normal((2, 3))
+    axes = rng.standard_normal((6, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    centres = np.array([point] * 3 + [wrist] * 3)
+    assert families.find(np.hstack([axes, np.cross(centres, axes)])) == ()
+
+
+@pytest.mark.parametrize("name", arms.FAMILIES)
+def test_description_names_family_solver_and_singularities(name, rng):
+    text = arms.arm(name, rng).describe()
+    assert "family: " in text
+    assert "inverse kinematics: every solution, in closed form, at most" in text
+    assert "singularities: " in text
+
+
+def test_locking_a_joint_in_numbers_is_moving_what_is_behind_it(rng):
+    robot = nj.robots.load("kuka_iiwa14")
+    q = rng.uniform(-3, 3, 7)
+    left = families.lock(np.asarray(robot.screws), 3, q[3])
+    step = product_of_exponentials(robot.screws[3:4], np.eye(4), q[3:4]).astype(float)
+    arm = nj.Robot.from_screws(left, step @ robot.home)
+    np.testing.assert_allclose(poses_of(arm, np.delete(q, 3)), poses_of(robot, q), atol=1e-14)
