@@ -31,9 +31,9 @@ from benchmarks.measure import Report, Timed, about, alternate, header, table
 from niryo_jax import lanes
 from niryo_jax.chain import tool_motion
 from niryo_jax.geometry import Geometry, _pattern_of
-from niryo_jax.ik.arm import arm_from
 from niryo_jax.ik.complete import _sweep_block
 from niryo_jax.ik.error import error_twist
+from niryo_jax.ik.scheme import Goal, scheme_of
 from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes import Lane, Lanes, unpack
 from niryo_jax.lie import se3
@@ -226,8 +226,9 @@ def complete(robot: nj.Robot, batch: int) -> Floor:
     limits = jnp.asarray(robot.lower), jnp.asarray(robot.upper)
 
     def block(target: jax.Array) -> Any:
-        arm = arm_from(known, [jnp.asarray(x) for x in free])
-        return _sweep_block(_geometry(), arm, target, jnp.ones(len(target), bool), limits)
+        scheme = scheme_of(known, _geometry(), jnp.asarray(free))
+        goal = Goal(target, jnp.zeros((len(target), 0)))
+        return _sweep_block(scheme, goal, jnp.ones(len(target), bool), limits)
 
     shape = jax.ShapeDtypeStruct((256, 4, 4), "float64")
     count = jax.jit(block).lower(shape).cost_analysis()["flops"] / 256

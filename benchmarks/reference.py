@@ -20,7 +20,8 @@ def chain(robot: nj.Robot, q: np.ndarray) -> list[np.ndarray]:
         sin, versine = np.sin(angle)[:, None, None], (1 - np.cos(angle))[:, None, None]
         motion = np.zeros((len(q), 4, 4))
         motion[:, :3, :3] = np.eye(3) + sin * w + versine * (w @ w)
-        motion[:, :3, 3] = sin[:, 0] * screw[3:] + versine[:, 0] * (w @ screw[3:])
+        along = sin[:, 0] if np.any(w) else angle[:, None]
+        motion[:, :3, 3] = along * screw[3:] + versine[:, 0] * (w @ screw[3:])
         motion[:, 3, 3] = 1
         motions.append(motions[-1] @ motion)
     return motions

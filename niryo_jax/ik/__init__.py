@@ -51,10 +51,12 @@ def inverse_kinematics(
             values it is a sampled family: pose[..., None, :, :] and values (k,).
 
     Returns:
-        `IKSolutions` with 16 slots. Nothing is raised for a pose that cannot be solved:
-        `status` says why, so that good and bad poses can be mixed in one batch. Derivatives of q
-        with respect to the pose are those of the implicit function theorem, of any order, in
-        forward and reverse mode; by the complete method also those with respect to the geometry.
+        `IKSolutions` with a slot for each solution that there can be: 16 of an arm with a wrist
+        offset and by the methods that are not complete, 8, 4, 2 or 1 where a closed form has no
+        more. Nothing is raised for a pose that cannot be solved: `status` says why, so that good
+        and bad poses can be mixed in one batch. Derivatives of q with respect to the pose are those
+        of the implicit function theorem, of any order, in forward and reverse mode; by the complete
+        method also those with respect to the geometry.
 
     Raises:
         ValueError: a wrong shape, an unknown method, an arm that the method does not fit, a joint

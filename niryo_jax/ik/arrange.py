@@ -13,7 +13,6 @@ import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.ik.candidates import in_slots
-from niryo_jax.ik.solutions import SLOTS
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.tolerances import LIMIT_ROUNDING
 
@@ -64,8 +63,9 @@ def arrange(
     singularity: jax.Array,
     limits: Limits,
     periodic: tuple[bool, ...],
+    slots: int,
 ) -> Slots:
-    """Order the candidates (slots first, or for `in_slots`) of a batch into `SLOTS` slots.
+    """Order the candidates (slots first, or for `in_slots`) of a batch into so many slots.
 
     A `label` of `branch_label` that is met again counts as one more sheet: 8 is added to it.
     """
@@ -110,13 +110,13 @@ def arrange(
     table = jnp.stack([x.reshape(-1) for x in fields], axis=-1)
     nothing = jnp.array([0.0] * len(angles) + [jnp.inf, jnp.inf, 0.0], dtype)
     table = jnp.concatenate([table, nothing[None]])
-    slots = min(count, SLOTS)
-    place = jnp.arange(slots, dtype=dtype)[:, None]
+    filled = min(count, slots)
+    place = jnp.arange(filled, dtype=dtype)[:, None]
     slot = tally(lambda i: rank[i] == place, weight=1).astype(jnp.int32)
     row = jnp.where(slot > 0, (slot - 1) * batch + jnp.arange(batch), count * batch)
     ordered = table[row.T]
-    empty = jnp.broadcast_to(nothing, (batch, SLOTS - slots, len(nothing)))
-    ordered = jnp.concatenate([ordered, empty], axis=1)
+    empty = jnp.broadcast_to(nothing, (batch, slots - filled, len(nothing)))
+    ordered = jnp.concatenate([ordered, empty], axis=1) if empty.shape[1] else ordered
     code = ordered[..., -1].astype(jnp.int32)
     return Slots(
         q=ordered[..., : len(angles)],

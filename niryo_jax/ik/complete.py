@@ -69,6 +69,7 @@ def _sweep_block(
         candidates.singularity,
         limits,
         scheme.periodic,
+        scheme.slots,
     )
     lost = possible & ~close & may_close(geometry.joints, position, rotation)
     proved = (reach > 0) | (candidates.proved & ~jnp.any(lost, axis=0))

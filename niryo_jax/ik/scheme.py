@@ -19,7 +19,7 @@ from niryo_jax.ik.arrange import Answer, Limits
 from niryo_jax.ik.candidates import Candidates
 from niryo_jax.ik.circle import obstacle, wrist_circle
 from niryo_jax.ik.second_pass import by_polish, by_subdivision
-from niryo_jax.ik.solutions import Obstacle
+from niryo_jax.ik.solutions import SLOTS, Obstacle
 from niryo_jax.ik.sweep import spherical, sweep
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lie import se3
@@ -46,6 +46,11 @@ class Scheme(Protocol):
         """True for each joint that returns to its place after 2 pi."""
         ...
 
+    @property
+    def slots(self) -> int:
+        """The most solutions that there can be."""
+        ...
+
     def geometry(self, locked: jax.Array) -> Geometry:
         """The arm that is left where a joint is locked; its lanes have the shape (...,) of
         `locked` (..., 1), or none."""
@@ -68,6 +73,11 @@ class OffsetWrist:
     arm: Arm
     periodic = (True,) * 6
 
+    @property
+    def slots(self) -> int:
+        """The most solutions that there can be."""
+        return 8 if self.arm.is_spherical else SLOTS
+
     def geometry(self, locked: jax.Array) -> Geometry:
         """The whole arm."""
         del locked
@@ -84,9 +94,11 @@ class OffsetWrist:
     def again(self, goal: Goal, live: jax.Array, limits: Limits) -> Answer:
         """By subdivision, or by Newton's method where the wrist is spherical."""
         if not self.arm.is_spherical:
-            return by_subdivision(self.whole, self.arm, goal.pose, live, limits)
+            return by_subdivision(self.whole, self.arm, goal.pose, live, limits, self.slots)
         found, reach = self.candidates(self.whole, goal.pose)
-        return by_polish(self.whole, found, reach, goal.pose, live, limits, self.periodic)
+        return by_polish(
+            self.whole, found, reach, goal.pose, live, limits, self.periodic, self.slots
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,6 +112,11 @@ class ClosedForm:
     def periodic(self) -> tuple[bool, ...]:
         """True for each joint that returns to its place after 2 pi."""
         return self.plan.periodic
+
+    @property
+    def slots(self) -> int:
+        """The most solutions that there can be."""
+        return 2**self.plan.family.signs
 
     def geometry(self, locked: jax.Array) -> Geometry:
         """The arm without the locked joint, whose motion is part of what comes behind it."""
@@ -130,7 +147,7 @@ class ClosedForm:
         """By Newton's method."""
         geometry = self.geometry(goal.locked)
         found, reach = self.candidates(geometry, goal.pose)
-        return by_polish(geometry, found, reach, goal.pose, live, limits, self.periodic)
+        return by_polish(geometry, found, reach, goal.pose, live, limits, self.periodic, self.slots)
 
 
 def scheme_of(key: Known | Plan, geometry: Geometry, numbers: jax.Array) -> Scheme:

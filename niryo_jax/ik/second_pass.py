@@ -45,7 +45,12 @@ _NEARLY = 100.0
 
 
 def by_subdivision(
-    geometry: Geometry, arm: Arm, target: jax.Array, live: jax.Array, limits: Limits
+    geometry: Geometry,
+    arm: Arm,
+    target: jax.Array,
+    live: jax.Array,
+    limits: Limits,
+    slots: int,
 ) -> Answer:
     """The answers of the poses that the fast pass left open."""
     rows, dtype = target.shape[0], target.dtype
@@ -87,9 +92,10 @@ def by_subdivision(
         jnp.int32(Singularity.NONE),
     )
     errors = position[taken], rotation[taken]
-    slots = arrange(candidates, found, errors, solved.label[taken], singularity, limits, periodic)
+    label = solved.label[taken]
+    arranged = arrange(candidates, found, errors, label, singularity, limits, periodic, slots)
     proved = (reach > 0) | (roots.complete & ~incomplete)
-    return Answer(slots, reach, proved)
+    return Answer(arranged, reach, proved)
 
 
 def by_polish(
@@ -100,6 +106,7 @@ def by_polish(
     live: jax.Array,
     limits: Limits,
     periodic: tuple[bool, ...],
+    slots: int,
 ) -> Answer:
     """The answers of poses whose closed form is too rough: its candidates, polished."""
     rows, shape = target.shape[0], candidates.exists.shape
@@ -122,6 +129,7 @@ def by_polish(
         candidates.singularity,
         limits,
         periodic,
+        slots,
     )
     return Answer(arranged, reach, ~jnp.any(lost, axis=0))
 

@@ -19,7 +19,7 @@ from niryo_jax.robot import Robot
 from niryo_jax.tolerances import LIMIT_ROUNDING
 
 SLOTS = 16
-"""A six-axis arm has at most 16 isolated solutions (Manseur & Doty)."""
+"""The most that are returned; a six-axis arm has at most 16 isolated solutions (Manseur & Doty)."""
 
 
 class IKStatus(IntEnum):
