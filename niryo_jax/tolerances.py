@@ -101,7 +101,8 @@ SQUARE_ROOT_END = 1e-4
 root: even at a square-root end of the curve it varies by less."""
 
 IK_POSITION = ByDtype(1e-12, 1e-6)
-"""The complete method calls a joint vector a solution where it misses by less (metres)..."""
+"""The complete method calls a joint vector a solution where it misses by less (metres; times the
+distance of the pose where that is more than a metre)..."""
 
 IK_ROTATION = ByDtype(1e-12, 1e-6)
 """... and by less than this (radians)."""

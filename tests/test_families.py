@@ -294,6 +294,16 @@ class TestSevenJoints:
         np.testing.assert_allclose(jacobian, difference, atol=1e-6)
         assert jacobian[2] == 1.0
 
+    def test_a_value_that_is_not_finite_is_named_and_harms_no_other(self, rng):
+        robot = nj.robots.load("kuka_iiwa14")
+        q = rng.uniform(robot.lower, robot.upper, (POSES, 7))
+        values = q[:, 0].copy()
+        values[:2] = np.nan, np.inf
+        answer = nj.inverse_kinematics(robot, poses_of(robot, q), locked=(0, values))
+        assert np.all(np.asarray(answer.status)[:2] == IKStatus.INVALID_POSE)
+        assert np.all(np.asarray(answer.count)[2:] > 0)
+        assert np.all(np.isfinite(np.asarray(answer.q)))
+
     def test_wrong_use_is_refused_by_name(self):
         robot, six = nj.robots.load("kuka_iiwa14"), nj.robots.load("ur16e")
         for arm, locked, words in (
@@ -303,6 +313,8 @@ class TestSevenJoints:
         ):
             with pytest.raises(ValueError, match=words):
                 nj.inverse_kinematics(arm, np.eye(4), locked=locked)
+        with pytest.raises(TypeError, match="locked: expected"):
+            nj.inverse_kinematics(robot, np.eye(4), locked=3)
         with pytest.raises(ValueError, match="needs a joint of kuka_iiwa14 to be locked"):
             nj.inverse_kinematics(robot, np.eye(4), method="complete")
         with pytest.raises(ValueError, match="for method 'complete', got 'sampled'"):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
+import operator
 from typing import Any
 
 import jax
@@ -21,7 +22,7 @@ from niryo_jax.ik.arrange import Answer, Limits, Slots, arrange
 from niryo_jax.ik.batches import BLOCK, cut_rows, for_each_chunk, padded_rows, program_size
 from niryo_jax.ik.candidates import in_slots
 from niryo_jax.ik.collect import finish
-from niryo_jax.ik.error import closes, may_close, misses
+from niryo_jax.ik.error import closes, extent, may_close, misses
 from niryo_jax.ik.implicit import implicit_rate, zero_tangent
 from niryo_jax.ik.parallel import Spread, on_all_cores, on_each_device, spread_of
 from niryo_jax.ik.scheme import Goal, Scheme, scheme_of
@@ -59,7 +60,7 @@ def _sweep_block(
     candidates, reach = scheme.candidates(geometry, goal.pose)
     errors = misses(geometry, goal.pose, candidates.q)
     position, rotation = (in_slots(error, candidates.exists.shape) for error in errors)
-    close = closes(position, rotation)
+    close = closes(position, rotation, size=extent(goal.pose))
     possible = candidates.exists & (valid & (reach == 0))
     slots = arrange(
         candidates.q,
@@ -132,6 +133,9 @@ def _complete(
         return _answer(key, geometry, numbers, goal, valid, limits)
 
     answer = on_each_device(answer, spread, same=3)
+    usable = jnp.isfinite(locked)
+    target = target._replace(valid=target.valid & jnp.all(usable, axis=-1))
+    locked = jnp.where(usable, locked, 0.0)
     limits, goal = (lower, upper), Goal(target.pose, locked)
     free = limits if joint is None else (jnp.delete(lower, joint), jnp.delete(upper, joint))
     slots, reach, proved = answer(geometry, numbers, free, goal, target.valid)
@@ -213,7 +217,11 @@ def solve_complete(robot: Robot, pose: ArrayLike, locked: Locked | None = None) 
 
 def _key(robot: Robot, locked: Locked | None) -> Known | Plan:
     """What is known of the arm while tracing, for the solver that fits it."""
-    joint, known = None if locked is None else locked[0], robot.offset_wrist
+    joint, known = None, robot.offset_wrist
+    if locked is not None:
+        if not isinstance(locked, tuple):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise TypeError(f"locked: expected (joint index, value), got {locked!r}")
+        joint = operator.index(locked[0])
     fitting = [plan for plan in robot.plans if plan.locked == joint]
     # A closed form is sooner than the scan; that of a spherical wrist knows its branches by name.
     if known is not None and joint is None and (not fitting or is_spherical(known)):

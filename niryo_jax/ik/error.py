@@ -67,10 +67,24 @@ def misses(geometry: Geometry, target: jax.Array, q: Lanes) -> tuple[jax.Array, 
     return metres, radians
 
 
-def closes(position: jax.Array, rotation: jax.Array, share: jax.Array | float = 1.0) -> jax.Array:
-    """Whether misses are within that share of what a solution may miss by."""
+def closes(
+    position: jax.Array,
+    rotation: jax.Array,
+    share: jax.Array | float = 1.0,
+    size: jax.Array | float = 1.0,
+) -> jax.Array:
+    """Whether misses are within that share of what a solution of that `extent` may miss by."""
     dtype = position.dtype
-    return (position < share * IK_POSITION.of(dtype)) & (rotation < share * IK_ROTATION.of(dtype))
+    near = position < share * size * IK_POSITION.of(dtype)
+    return near & (rotation < share * IK_ROTATION.of(dtype))
+
+
+def extent(pose: jax.Array) -> jax.Array:
+    """(..., 4, 4) -> (...,): how far away a pose is, metres, or 1 where it is nearer.
+
+    Rounding of a position grows with it: a gantry is tens of metres long.
+    """
+    return jnp.maximum(1.0, jnp.max(jnp.abs(pose[..., :3, 3]), axis=-1))
 
 
 def may_close(joints: int, position: jax.Array, rotation: jax.Array) -> jax.Array:

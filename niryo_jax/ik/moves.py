@@ -14,27 +14,21 @@ import numpy as np
 from niryo_jax import lanes
 from niryo_jax.lanes import Condition, Lane, Lanes
 from niryo_jax.lie import so3
+from niryo_jax.subproblems.axes import Axis, axis_of, off_axis
 from niryo_jax.tolerances import VANISHING_LENGTH
 
 Move = Lanes | Lane
 """(cos, sin) of a revolute joint, or the length of a prismatic one, metres."""
 
 
-class Line(NamedTuple):
-    """A line by its direction, a unit vector, and a point of it."""
-
-    direction: Lanes
-    point: Lanes
-
-
-def line_of(screw: Lanes) -> Line:
-    """The axis of a revolute joint (Todorovic et al., eq. 10)."""
-    w = screw[:3]
-    return Line(w, lanes.stored(lanes.cross(w, screw[3:])))
+def line_of(screw: Lanes) -> Axis:
+    """The axis of a revolute joint, kept (`lanes.store`)."""
+    direction, point = axis_of(screw)
+    return Axis(direction, lanes.stored(point))
 
 
-def nearest_points(first: Line, second: Line) -> tuple[Lanes, Lanes]:
-    """The points at which two lines that are not parallel are nearest to each other."""
+def nearest_points(first: Axis, second: Axis) -> tuple[Lanes, Lanes]:
+    """The points at which two axes that are not parallel are nearest to each other."""
     (w1, r1), (w2, r2) = first, second
     cosine, between = w1 @ w2, r2 - r1
     ahead, back = w1 @ between, w2 @ between
@@ -51,10 +45,9 @@ def meeting_point(first: Lanes, second: Lanes) -> Lanes:
     return lanes.stored(0.5 * (on_1 + on_2))
 
 
-def away_from(line: Line, point: Lanes) -> Lanes:
-    """The vector from a line to a point, at right angles to the line."""
-    between = point - line.point
-    return between - (line.direction @ between) * line.direction
+def away_from(axis: Axis, point: Lanes) -> Lanes:
+    """The vector from an axis to a point, at right angles to the axis."""
+    return off_axis(axis, point)[0]
 
 
 def turn_of(cos: Lane, sin: Lane) -> Lanes:

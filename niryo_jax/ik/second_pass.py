@@ -20,7 +20,7 @@ from niryo_jax.ik.batches import for_each_chunk
 from niryo_jax.ik.candidates import Candidates, in_slots
 from niryo_jax.ik.circle import circle_columns, obstacle, read_circle, wrist_circle
 from niryo_jax.ik.distinct import distinct
-from niryo_jax.ik.error import closes, may_close, misses
+from niryo_jax.ik.error import closes, extent, may_close, misses
 from niryo_jax.ik.newton import refine
 from niryo_jax.ik.posture import branch_label, joint_angles
 from niryo_jax.ik.solutions import Singularity, less_turns
@@ -116,7 +116,7 @@ def by_polish(
     errors = misses(geometry.at(which), target[which], lanes.unpack(q))
     solved = _Solved(q, *errors, candidates.label.reshape(-1))
     solved = _polish(geometry, target, solved, jnp.where(possible, which, rows), periodic)
-    found = possible & closes(*solved.errors)
+    found = possible & closes(*solved.errors, size=extent(target)[which])
     lost = possible & ~found & may_close(geometry.joints, *solved.errors)
     q, position, rotation, label, found, lost = (
         x.reshape(*shape, *x.shape[1:]) for x in (*solved, found, lost)

@@ -43,7 +43,8 @@ _STATUS = {
     IKStatus.UNREACHABLE: "The pose cannot be reached, whatever the joint angles.",
     IKStatus.UNDECIDED: "No solution was found, and it is not proved that there is none.",
     IKStatus.INVALID_POSE: "The pose is not a rigid motion: an entry is not finite, the last row "
-    "is not (0, 0, 0, 1), or the rotation block is too far from a rotation.",
+    "is not (0, 0, 0, 1), or the rotation block is too far from a rotation; or the value of a "
+    "locked joint is not finite.",
 }
 
 
