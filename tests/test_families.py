@@ -83,7 +83,13 @@ def test_random_arms_are_solved_completely(name, rng):
         assert all(has(robot, solutions, q) for q in searched)
 
 
-@pytest.mark.parametrize("name", SIX_OR_FOUR)
+OTHERS = [name for name in BOOK if name not in SIX_OR_FOUR and "iiwa" not in name]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [*SIX_OR_FOUR, *(pytest.param(name, marks=pytest.mark.completeness) for name in OTHERS)],
+)
 def test_the_sets_of_the_book_are_found(name):
     robot = book(name)
     cases = BOOK[name]["ik"]

@@ -476,7 +476,6 @@ def test_poses_with_three_decimals_are_projected_and_others_refused(rng, path):
         ({"q_start": [1.0, 2.0]}, ValueError, r"^q_end: expected shape \(\.\.\., 2\), got \(3,\)"),
         ({"q_start": 1.0}, ValueError, r"^q_start: expected shape \(\.\.\., n\), got \(\)"),
     ],
-    ids=str,
 )
 def test_bad_input_is_refused_by_name(options, error, message):
     good = {"q_start": np.zeros(3), "q_end": np.ones(3), "duration": T, "samples": 4}
