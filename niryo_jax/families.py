@@ -165,7 +165,29 @@ class TwoTurnsTwoSlides:
         )
 
 
-Family = SphericalWrist | ThreeParallel | Schoenflies | TwoTurnsTwoSlides
+@dataclasses.dataclass(frozen=True)
+class SphericalShoulderAndWrist:
+    """Seven joints: axes 1, 2 and 3 meet in a point, 5, 6 and 7 in another, as in a human arm.
+
+    What is left to choose is the arm angle (`niryo_jax.arm_angle`).
+    """
+
+    @property
+    def signs(self) -> int:
+        """How many signs tell the solutions apart."""
+        return 3
+
+    def describe(self) -> tuple[str, str]:
+        """The family, and its singularities."""
+        return (
+            "axes 1, 2, 3 meet in one point and 5, 6, 7 in another",
+            "either three axes in a plane, the arm stretched, the wrist on axis 1",
+        )
+
+
+Family = (
+    SphericalWrist | ThreeParallel | Schoenflies | TwoTurnsTwoSlides | SphericalShoulderAndWrist
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -184,12 +206,17 @@ class Plan:
     periodic: tuple[bool, ...]
     locked_turns: bool = False
 
+    @property
+    def by_arm_angle(self) -> bool:
+        """Whether an arm angle is to be given."""
+        return isinstance(self.family, SphericalShoulderAndWrist)
+
 
 def find(screws: np.ndarray) -> tuple[Plan, ...]:
     """How an arm can be solved, from screws (n, 6); empty where no closed form does.
 
     An arm of seven joints has a plan for each joint that can be locked, first those that are
-    commonly chosen: the third, then from the base on.
+    commonly chosen: the third, then from the base on; and one by the arm angle if it has one.
     """
     kinds = joint_kinds(screws)
     periodic = tuple(kind == "revolute" for kind in kinds)
@@ -202,6 +229,8 @@ def find(screws: np.ndarray) -> tuple[Plan, ...]:
         if family is not None and family == other:
             others = periodic[:joint] + periodic[joint + 1 :]
             found.append(Plan(family, joint, others, periodic[joint]))
+    if set(kinds) == {"revolute"} and _is_anthropomorphic(screws):
+        found.append(Plan(SphericalShoulderAndWrist(), None, periodic))
     return tuple(found)
 
 
@@ -245,18 +274,25 @@ def lock(screws: np.ndarray, joint: int, value: float) -> np.ndarray:
 def _spherical_wrist(
     screws: np.ndarray, kinds: Sequence[str], reverse: bool
 ) -> SphericalWrist | None:
-    if set(kinds[3:]) != {"revolute"}:
-        return None
-    first, second, third = screws[3:]
-    if relation(first, second) is not AxisRelation.INTERSECTING:
-        return None
-    if relation(second, third) is not AxisRelation.INTERSECTING:
-        return None
-    point = meeting_point(first, second)
-    if np.linalg.norm(point - meeting_point(second, third)) > AXES_MEET:
+    if set(kinds[3:]) != {"revolute"} or _centre(screws[3:]) is None:
         return None
     shoulder = _shoulder(screws[:3], kinds[:3])
     return None if shoulder is None else SphericalWrist(shoulder, reverse)
+
+
+def _centre(screws: np.ndarray) -> np.ndarray | None:
+    """Where three axes meet, if they do and neighbours are not parallel."""
+    first, second, third = screws
+    for pair in ((first, second), (second, third)):
+        if relation(*pair) is not AxisRelation.INTERSECTING:
+            return None
+    point = meeting_point(first, second)
+    return point if np.linalg.norm(point - meeting_point(second, third)) < AXES_MEET else None
+
+
+def _is_anthropomorphic(screws: np.ndarray) -> bool:
+    centres = _centre(screws[:3]), _centre(screws[4:])
+    return all(point is not None and _off(screws[3], point) > AXES_MEET for point in centres)
 
 
 def _shoulder(screws: np.ndarray, kinds: Sequence[str]) -> Shoulder | None:
@@ -379,6 +415,7 @@ def describe(screws: np.ndarray) -> list[str]:
         if joints:
             family = f"with joint {joints[0]} locked and the others renumbered, {family}"
             how += f" for each value of a locked joint (one of {joints})"
+            how += " or each arm angle" * plans[-1].by_arm_angle
     elif nearly_offset_wrist_axes(screws) is not None:
         return [
             "family: nearly 1 and 2 meet, 2 parallel to 3, 4 and 5 meet",

@@ -225,7 +225,7 @@ def test_batch_axes_are_kept(batch):
     robot = nj.robots.load("abb_irb910sc")
     pose = np.broadcast_to(poses_of(robot, np.full(4, 0.1)), (*batch, 4, 4))
     answer = nj.inverse_kinematics(robot, pose)
-    assert answer.q.shape == (*batch, 16, 4)
+    assert answer.q.shape == (*batch, 2, 4)
     assert answer.count.shape == batch
     assert np.all(np.asarray(answer.count) == 2)
 
@@ -233,37 +233,34 @@ def test_batch_axes_are_kept(batch):
 class TestSevenJoints:
     """An arm with a joint to spare."""
 
+    UPRIGHT = "KUKA LBR iiwa 14 R820, upright home (2022 book)"
+
+    def found(self, case, joint, value):
+        """The solutions for a locked joint, in a batch of the size that other tests compile."""
+        robot = book(self.UPRIGHT)
+        poses = np.broadcast_to(np.array(case["pose"]), (POSES, 4, 4))
+        answer = nj.inverse_kinematics(robot, poses, locked=(joint, value))
+        return robot, check_solutions(robot, poses[:1], answer.map(lambda x: x[:1]))[0]
+
     def test_sets_of_the_book(self):
-        for name in ("upright home (2022 book)", "bent home (2018 book)"):
-            entry = BOOK[f"KUKA LBR iiwa 14 R820, {name}"]
-            robot = book(entry["name"])
-            for case in entry["ik"]:
-                locked = case["locked_joint"] - 1, case["locked_value"]
-                pose = np.array([case["pose"]])
-                answer = nj.inverse_kinematics(robot, pose, locked=locked)
-                (solutions,) = check_solutions(robot, pose, answer)
-                assert len(solutions) == len(case["solutions"])
-                assert all(has(robot, solutions, q) for q in np.array(case["solutions"]))
+        for case in BOOK[self.UPRIGHT]["ik"]:
+            robot, solutions = self.found(case, case["locked_joint"] - 1, case["locked_value"])
+            assert len(solutions) == len(case["solutions"])
+            assert all(has(robot, solutions, q) for q in np.array(case["solutions"]))
 
     def test_theta_3_and_theta_1_give_the_16_of_the_book(self):
-        entry = BOOK["KUKA LBR iiwa 14 R820, upright home (2022 book)"]
-        robot = book(entry["name"])
-        for case in entry["ik_16"]:
+        for case in BOOK[self.UPRIGHT]["ik_16"]:
             given = case["redundancy_inputs"]
-            found = []
-            for joint, key in ((2, "theta3"), (0, "theta1")):
-                locked = joint, given[key]
-                answer = nj.inverse_kinematics(robot, np.array(case["pose"]), locked=locked)
-                found.append(np.asarray(answer.q)[np.asarray(answer.found)])
-            assert [len(part) for part in found] == [8, 8]
-            together = np.concatenate(found)
-            assert all(has(robot, together, q) for q in np.array(case["solutions"]))
+            parts = [self.found(case, joint, given[f"theta{joint + 1}"]) for joint in (2, 0)]
+            assert [len(solutions) for _, solutions in parts] == [8, 8]
+            together = np.concatenate([solutions for _, solutions in parts])
+            assert all(has(parts[0][0], together, q) for q in np.array(case["solutions"]))
 
     def test_each_joint_that_can_be_locked_gives_back_what_made_the_pose(self, rng):
         robot = nj.robots.load("kuka_iiwa14")
         q = rng.uniform(robot.lower, robot.upper, (POSES, 7))
         poses = poses_of(robot, q)
-        assert [plan.locked for plan in robot.plans] == [2, 0, 1, 4, 5, 6]
+        assert [plan.locked for plan in robot.plans] == [2, 0, 1, 4, 5, 6, None]
         for joint in (0, 5):
             answer = nj.inverse_kinematics(robot, poses, locked=(joint, q[:, joint]))
             assert np.all(np.asarray(answer.complete))
@@ -283,6 +280,61 @@ class TestSevenJoints:
         check_solutions(robot, poses, answer)
         margin = np.minimum(answer.q - robot.lower, robot.upper - answer.q).min(axis=-1)
         assert np.all(np.diff(margin, axis=1) <= 1e-12)
+
+    def test_what_is_out_of_reach_is_proved_to_be(self):
+        robot = nj.robots.load("kuka_iiwa14")
+        poses = poses_of(robot, np.zeros((20, 7)))
+        poses[:10, 2, 3] += 1.0
+        status = np.asarray(nj.inverse_kinematics(robot, poses).status)
+        assert np.all(status[:10] == IKStatus.UNREACHABLE)
+        assert np.all(status[10:] == IKStatus.SOLVED)
+
+    def test_every_arm_angle_reaches_what_the_arm_can_reach(self, rng):
+        robot = nj.robots.load("kuka_iiwa14")
+        q = rng.uniform(robot.lower, robot.upper, (POSES, 7))
+        poses = poses_of(robot, q)
+        angle = np.asarray(nj.arm_angle(robot, q))
+        answer = nj.inverse_kinematics(robot, poses, arm_angle=angle)
+        assert np.all(np.asarray(answer.complete))
+        assert np.all(np.asarray(answer.count) == 8)
+        lists = check_solutions(robot, poses, answer)
+        assert all(has(robot, *pair) for pair in zip(lists, q))
+        again = np.asarray(nj.arm_angle(robot, answer.q)) - angle[:, None]
+        assert np.max(np.abs((again + np.pi) % (2 * np.pi) - np.pi)) < 1e-9
+        other = nj.inverse_kinematics(robot, poses, arm_angle=rng.uniform(-3, 3, POSES))
+        assert np.all(np.asarray(other.count) == 8)
+
+    def test_arm_angle_is_the_turn_of_the_elbow_about_the_line_to_the_wrist(self, rng):
+        robot = nj.robots.load("kuka_iiwa14")
+        q = rng.uniform(robot.lower, robot.upper, 7)
+        frames = np.asarray(nj.link_poses(robot, q))
+        shoulder, elbow, wrist = (
+            frame[:3, :3] @ [0.0, 0.0, height] + frame[:3, 3]
+            for frame, height in zip(frames[[0, 2, 4]], (0.36, 0.78, 1.18))
+        )
+        along = (wrist - shoulder) / np.linalg.norm(wrist - shoulder)
+        up, out = (v - (v @ along) * along for v in (np.array([0, 0, 1]), elbow - shoulder))
+        angle = np.arctan2(along @ np.cross(up, out), up @ out)
+        assert float(nj.arm_angle(robot, q)) == pytest.approx(angle, abs=1e-12)
+        with pytest.raises(ValueError, match="ur16e is no such arm"):
+            nj.arm_angle(nj.robots.load("ur16e"), np.zeros(6))
+
+    @pytest.mark.completeness
+    def test_derivatives_hold_the_arm_angle(self, rng):
+        robot = nj.robots.load("kuka_iiwa14")
+        q = rng.uniform(-1, 1, 7)
+        pose = nj.forward_kinematics(robot, q)
+
+        def solve(angle, twist):
+            return nj.inverse_kinematics(robot, pose @ nj.se3.exp(twist), arm_angle=angle).q[0]
+
+        angle, rest, h = nj.arm_angle(robot, q), jnp.zeros(6), 1e-6
+        by_angle, by_twist = jax.jacfwd(solve, (0, 1))(angle, rest)
+        difference = (solve(angle + h, rest) - solve(angle - h, rest)) / (2 * h)
+        np.testing.assert_allclose(by_angle, difference, atol=1e-6)
+        for column, unit in zip(by_twist.T, np.eye(6)):
+            difference = (solve(angle, h * unit) - solve(angle, -h * unit)) / (2 * h)
+            np.testing.assert_allclose(column, difference, atol=1e-6)
 
     @pytest.mark.completeness
     def test_derivatives_hold_the_locked_joint(self, rng):
@@ -319,11 +371,15 @@ class TestSevenJoints:
         ):
             with pytest.raises(ValueError, match=words):
                 nj.inverse_kinematics(arm, np.eye(4), locked=locked)
+        with pytest.raises(ValueError, match="arm_angle: ur16e has none"):
+            nj.inverse_kinematics(six, np.eye(4), arm_angle=0.0)
+        with pytest.raises(ValueError, match="expected one of the two"):
+            nj.inverse_kinematics(robot, np.eye(4), locked=(2, 0.0), arm_angle=0.0)
         with pytest.raises(TypeError, match="locked: expected"):
             nj.inverse_kinematics(robot, np.eye(4), locked=3)
         with pytest.raises(ValueError, match="needs a joint of kuka_iiwa14 to be locked"):
             nj.inverse_kinematics(robot, np.eye(4), method="complete")
-        with pytest.raises(ValueError, match="for method 'complete', got 'sampled'"):
+        with pytest.raises(ValueError, match="are for method 'complete', got 'sampled'"):
             nj.inverse_kinematics(robot, np.eye(4), method="sampled", locked=(2, 0.0))
         with pytest.raises(ValueError, match="'sampled' needs seven joints"):
             nj.inverse_kinematics(six, np.eye(4), method="sampled")

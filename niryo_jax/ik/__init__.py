@@ -10,6 +10,7 @@ from jax.typing import ArrayLike
 from niryo_jax.ik.complete import Locked, solve_complete
 from niryo_jax.ik.continuation import nominal, solve_by_continuation
 from niryo_jax.ik.follow import JointPath, follow
+from niryo_jax.ik.human_arm import arm_angle
 from niryo_jax.ik.multistart import solve_multistart
 from niryo_jax.ik.newton import NewtonResult, newton_raphson
 from niryo_jax.ik.reachable import nearest_reachable
@@ -27,6 +28,7 @@ def inverse_kinematics(
     method: Method | None = None,
     *,
     locked: Locked | None = None,
+    arm_angle: ArrayLike | None = None,
 ) -> IKSolutions:
     """All joint vectors that bring the tool to a pose, for a batch of poses.
 
@@ -39,7 +41,8 @@ def inverse_kinematics(
             where axes 1 and 2 meet, 2 and 3 are parallel, 4 and 5 meet
             (docs/theory/complete-ik.md); in closed form where the wrist is spherical, where three
             axes are parallel and for four joints of some kinds (docs/families.md).
-            "sampled": for seven joints: the best of the complete sets for 16 values of one of them.
+            "sampled": for seven joints: the best of the complete sets for 16 arm angles, or values
+            of one joint.
             "continuation": for arms that are nearly of the first kind (calibrated ones): the
             complete sets of the nearest such arm, refined by Newton-Raphson on the true one.
             "multistart": Newton-Raphson from 64 guesses, for any open chain.
@@ -49,6 +52,9 @@ def inverse_kinematics(
         locked: for seven joints: the index of a joint and its value (...,), which broadcasts with
             the batch of poses; the answer is complete for these values. With a further axis of
             values it is a sampled family: pose[..., None, :, :] and values (k,).
+        arm_angle: the same with the arm angle (...,) in place of a joint (`niryo_jax.arm_angle`),
+            for seven joints of which axes 1, 2, 3 meet, and 5, 6, 7: what the arm can reach, it
+            reaches with any.
 
     Returns:
         `IKSolutions` with a slot for each solution that there can be: 16 of an arm with a wrist
@@ -63,14 +69,15 @@ def inverse_kinematics(
             that cannot be locked.
         TypeError: a traced robot, for a method that needs a concrete one.
     """
+    chosen = locked is not None or arm_angle is not None
     if method is None:
-        method = _method_for(robot) if locked is None else "complete"
+        method = "complete" if chosen else _method_for(robot)
     if method not in _SOLVERS:
         raise ValueError(f"method: expected one of {', '.join(_SOLVERS)}, got {method!r}")
-    if locked is not None:
+    if chosen:
         if method != "complete":
-            raise ValueError(f"locked: a joint can be locked for method 'complete', got {method!r}")
-        return solve_complete(robot, pose, locked)
+            raise ValueError(f"locked, arm_angle: are for method 'complete', got {method!r}")
+        return solve_complete(robot, pose, locked, arm_angle)
     return _SOLVERS[method](robot, pose)
 
 
@@ -86,7 +93,7 @@ _SOLVERS: dict[Method, Callable[[Robot, ArrayLike], IKSolutions]] = {
 def _method_for(robot: Robot) -> Method:
     if not isinstance(robot, Robot):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise TypeError(f"robot: expected a niryo_jax.Robot, got {type(robot).__name__}")
-    if robot.offset_wrist is not None or any(plan.locked is None for plan in robot.plans):
+    if robot.offset_wrist is not None or (robot.plans and spare(robot) is None):
         return "complete"
     if spare(robot) is not None:
         return "sampled"
@@ -102,6 +109,7 @@ __all__ = [
     "Obstacle",
     "SeededBranches",
     "Singularity",
+    "arm_angle",
     "follow",
     "inverse_kinematics",
     "nearest_reachable",

@@ -18,6 +18,7 @@ from niryo_jax.chain import Motion, compose
 from niryo_jax.families import (
     Family,
     Schoenflies,
+    SphericalShoulderAndWrist,
     SphericalWrist,
     ThreeParallel,
     TwoTurnsTwoSlides,
@@ -25,6 +26,7 @@ from niryo_jax.families import (
 from niryo_jax.geometry import Geometry
 from niryo_jax.ik import moves, shoulder
 from niryo_jax.ik.candidates import Candidates, different, in_slots
+from niryo_jax.ik.human_arm import across, frame, human_arm
 from niryo_jax.ik.moves import Move, Roots, Signs, away_from, line_of, turn_between
 from niryo_jax.ik.roots import sinusoid_root
 from niryo_jax.ik.solutions import Singularity
@@ -34,9 +36,17 @@ from niryo_jax.tolerances import IK_POLISH
 
 
 def candidates(
-    family: Family, geometry: Geometry, target: Lanes, batch: int, dtype: np.dtype
+    family: Family,
+    geometry: Geometry,
+    target: Lanes,
+    angle: Lane | None,
+    batch: int,
+    dtype: np.dtype,
 ) -> Candidates:
-    """The joint vectors of a batch of poses, (4, 4) lanes, that can be solutions."""
+    """The joint vectors of a batch of poses, (4, 4) lanes, that can be solutions.
+
+    `angle` is the arm angle of the family that is given one.
+    """
     motion = compose(se3.split(target), se3.inverse_lanes(*se3.split(geometry.home)))
     motion = lanes.stored(motion[0]), lanes.stored(motion[1])
     screws, reverse = geometry.screws, getattr(family, "reverse", False)
@@ -47,8 +57,11 @@ def candidates(
     def signs() -> Lane:
         return Lane(jnp.array([1.0, -1.0], dtype).reshape(2, *[1] * next(axes)))
 
-    solve = _SOLVERS[type(family)]
-    found, roots = solve(family, screws, motion, signs)
+    if isinstance(family, SphericalShoulderAndWrist):
+        assert angle is not None
+        found, roots = _spherical_shoulder_and_wrist(screws, motion, angle, signs)
+    else:
+        found, roots = _SOLVERS[type(family)](family, screws, motion, signs)
     if reverse:
         found = [moves.back(move) for move in reversed(found)]
     q = lanes.stored(lanes.lanes_of([moves.joint_value(move) for move in found]))
@@ -110,6 +123,39 @@ def _orient(screws: Lanes, rotation: Lanes, signs: Signs) -> tuple[list[Move], R
     return [first, middle, turn_between(w3, across, seen)], roots
 
 
+def _spherical_shoulder_and_wrist(
+    screws: Lanes, motion: Motion, angle: Lane, signs: Signs
+) -> Solution:
+    """Joint 4 sets the distance from shoulder to wrist, the arm angle the upper arm's orientation,
+    and the other joints supply it and the rest of the rotation."""
+    rotation, position = motion
+    arm = human_arm(screws)
+    goal = lanes.stored(rotation @ arm.wrist + position - arm.shoulder)
+    axis = line_of(screws[3])
+    x = away_from(axis, arm.wrist)
+    y = lanes.cross(axis.direction, x)
+    foot = arm.wrist - x - arm.shoulder
+    gap = foot @ foot + x @ x - goal @ goal
+    scale = lanes.norm(foot) + lanes.norm(x) + lanes.norm(goal)
+    p, q = 2.0 * (foot @ x), 2.0 * (foot @ y)
+    move_4, elbow = sinusoid_root(p, q, gap, signs(), scale * scale)
+    move_4 = lanes.stored(move_4)
+    reach = foot + move_4[0] * x + move_4[1] * y
+    sin, cos = lanes.sincos(angle)
+    along, reference, beside = frame(goal, screws[0, :3]).T
+    turned = np.stack([along, cos * reference + sin * beside, cos * beside - sin * reference], 1)
+    upper = lanes.stored(turned @ frame(reach, arm.elbow).T)
+    first, shoulder_roots = _orient(screws[:3], upper, signs)
+    left = moves.rotation(screws[3], moves.turn_back(move_4)) @ (upper.T @ rotation)
+    last, wrist_roots = _orient(screws[4:], lanes.stored(left), signs)
+    roots = [
+        (Singularity.WRIST, shoulder_roots),
+        (Singularity.WRIST, wrist_roots),
+        (Singularity.ELBOW, elbow),
+    ]
+    return [*first, move_4, *last], roots
+
+
 def _three_parallel(family: ThreeParallel, screws: Lanes, motion: Motion, signs: Signs) -> Solution:
     rotation, position = motion
     w, w5, w6 = screws[1, :3], screws[4, :3], screws[5, :3]
@@ -167,8 +213,8 @@ def _planar(
     point = line_of(screws[2]).point
     goal = lanes.stored(rotation @ point + position)
     first, second, roots = shoulder.circles(screws[0], screws[1], point, goal, True, signs)
-    across = lanes.stored(_across(w))
-    whole = turn_between(w, across, rotation @ across)
+    side = lanes.stored(across(w))
+    whole = turn_between(w, side, rotation @ side)
     before = moves.after(first, _same(second, turns[1]))
     third = _same(moves.after(whole, moves.turn_back(before)), turns[2])
     return [first, second, third], roots
@@ -177,15 +223,6 @@ def _planar(
 def _same(turn: Lanes, sign: int) -> Lanes:
     """A turn about an axis, as one about an axis that points the same way or the other."""
     return turn if sign > 0 else moves.turn_back(turn)
-
-
-def _across(w: Lanes) -> Lanes:
-    """A unit vector at right angles to a unit vector."""
-    x, y, z = w
-    flat = abs(z) > 0.8
-    zero = Lane(0.0)
-    side = lanes.choose(flat, np.array([-z, zero, x], dtype=object), np.array([-y, x, zero]))
-    return side * (1.0 / lanes.norm(side))
 
 
 def _motion(screw: Lanes, move: Move) -> Motion:

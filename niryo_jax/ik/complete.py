@@ -23,6 +23,7 @@ from niryo_jax.ik.batches import BLOCK, cut_rows, for_each_chunk, padded_rows, p
 from niryo_jax.ik.candidates import in_slots
 from niryo_jax.ik.collect import finish
 from niryo_jax.ik.error import closes, extent, may_close, misses
+from niryo_jax.ik.human_arm import angle_of
 from niryo_jax.ik.implicit import implicit_rate, zero_tangent
 from niryo_jax.ik.parallel import Spread, on_all_cores, on_each_device, spread_of
 from niryo_jax.ik.scheme import Goal, Scheme, scheme_of
@@ -57,7 +58,7 @@ def _sweep_block(
 ) -> tuple[Answer, jax.Array]:
     """The answers of the fast pass, and which poses it leaves open."""
     geometry = scheme.geometry(goal.locked)
-    candidates, reach = scheme.candidates(geometry, goal.pose)
+    candidates, reach = scheme.candidates(geometry, goal)
     errors = misses(geometry, goal.pose, candidates.q)
     position, rotation = (in_slots(error, candidates.exists.shape) for error in errors)
     close = closes(position, rotation, size=extent(goal.pose))
@@ -102,12 +103,14 @@ def _answer_jvp(
         return scheme_of(key, whole, numbers).geometry(locked[:, None])
 
     geometry, its_tangent = jax.jvp(arm, (whole, goal.locked), (tangents[0], tangents[2].locked))
+    by_angle = isinstance(key, Plan) and key.by_arm_angle
     rates = implicit_rate(
         geometry,
         goal.pose[:, None],
         slots.q,
         slots.found,
         (its_tangent, tangents[2].pose[:, None]),
+        also=(angle_of, tangents[2].locked) if by_angle else None,
     )
     zero = zero_tangent(answer)
     return answer, zero._replace(slots=zero.slots._replace(q=rates))
@@ -172,9 +175,14 @@ Locked = tuple[int, ArrayLike]
 """The index of a joint and its value (...,)."""
 
 
-def solve_complete(robot: Robot, pose: ArrayLike, locked: Locked | None = None) -> IKSolutions:
+def solve_complete(
+    robot: Robot,
+    pose: ArrayLike,
+    locked: Locked | None = None,
+    arm_angle: ArrayLike | None = None,
+) -> IKSolutions:
     """`inverse_kinematics` by the complete method."""
-    key = _key(robot, locked)
+    key = _key(robot, locked, arm_angle is not None)
     if robot.screws.ndim != 2:
         raise ValueError(
             f"robot: expected screws (n, 6), got {robot.screws.shape}; use jax.vmap for many robots"
@@ -185,12 +193,14 @@ def solve_complete(robot: Robot, pose: ArrayLike, locked: Locked | None = None) 
     values = jnp.zeros((*pose.shape[:-2], 0), pose.dtype)
     periodic = key.periodic if isinstance(key, Plan) else (True,) * robot.joints
     if locked is not None:
-        value = as_floating("locked", locked[1])
+        assert isinstance(key, Plan)
+        periodic = (*periodic[: locked[0]], key.locked_turns, *periodic[locked[0] :])
+    given = arm_angle if locked is None else locked[1]
+    if given is not None:
+        value = as_floating("arm_angle" if locked is None else "locked", given)
         batch = jnp.broadcast_shapes(pose.shape[:-2], value.shape)
         pose = jnp.broadcast_to(pose, (*batch, 4, 4))
         values = jnp.broadcast_to(value, batch).astype(pose.dtype)[..., None]
-        assert isinstance(key, Plan)
-        periodic = (*periodic[: locked[0]], key.locked_turns, *periodic[locked[0] :])
 
     batch = pose.shape[:-2]
     spread = spread_of(pose, len(batch))
@@ -215,14 +225,23 @@ def solve_complete(robot: Robot, pose: ArrayLike, locked: Locked | None = None) 
     return on_all_cores(solve, [pose, values], batch, program_size, map_solutions)
 
 
-def _key(robot: Robot, locked: Locked | None) -> Known | Plan:
+def _key(robot: Robot, locked: Locked | None, by_arm_angle: bool) -> Known | Plan:
     """What is known of the arm while tracing, for the solver that fits it."""
     joint, known = None, robot.offset_wrist
     if locked is not None:
         if not isinstance(locked, tuple):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise TypeError(f"locked: expected (joint index, value), got {locked!r}")
+        if by_arm_angle:
+            raise ValueError("locked, arm_angle: expected one of the two, got both")
         joint = operator.index(locked[0])
-    fitting = [plan for plan in robot.plans if plan.locked == joint]
+    fitting = [
+        plan for plan in robot.plans if plan.locked == joint and plan.by_arm_angle == by_arm_angle
+    ]
+    if by_arm_angle and not fitting:
+        raise ValueError(
+            f"arm_angle: {robot.name} has none; expected seven joints of which axes 1, 2, 3 meet "
+            "in one point and 5, 6, 7 in another"
+        )
     # A closed form is sooner than the scan; that of a spherical wrist knows its branches by name.
     if known is not None and joint is None and (not fitting or is_spherical(known)):
         return known

@@ -6,6 +6,7 @@ q is -J_b, so J_b dq = dF at fixed q. The rule differentiates again, hence deriv
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TypeVar
 
 import jax
@@ -26,11 +27,13 @@ def implicit_rate(
     q: jax.Array,
     solved: jax.Array,
     tangents: tuple[Geometry, jax.Array],
+    also: tuple[Callable[[Geometry, jax.Array], jax.Array], jax.Array] | None = None,
 ) -> jax.Array:
     """The rate of q (..., n) for rates of the geometry and of the target (..., 4, 4).
 
     Zero where not `solved` (...,). At a singular configuration it is the least rate that follows
-    the target in the directions in which the arm can move.
+    the target in the directions in which the arm can move. `also` is a function of geometry and q
+    whose value (...,) is to have a rate of its own, for an arm with a joint to spare.
     """
     n = geometry.joints
 
@@ -43,8 +46,14 @@ def implicit_rate(
 
     _, rate = jax.jvp(twist, (geometry, target), tangents)
     jacobian = on_joints(lambda q: pose_and_jacobian(geometry, q, "body", stored=True)[1], q, n)
+    if also is not None:
+        function, wanted = also
+        row = jax.grad(lambda q: jnp.sum(function(geometry, q)))(q)
+        _, shift = jax.jvp(lambda geometry: function(geometry, q), (geometry,), tangents[:1])
+        jacobian = jnp.concatenate([jacobian, row[..., None, :]], axis=-2)
+        rate = jnp.concatenate([rate, (wanted - shift)[..., None]], axis=-1)
     solved = solved[..., None]
-    solve = _solve_square if n == 6 else _solve
+    solve = _solve_square if jacobian.shape[-1] == jacobian.shape[-2] else _solve
     return jnp.where(solved, solve(jacobian, jnp.where(solved, rate, 0.0)), 0.0)
 
 

@@ -31,7 +31,7 @@ class Goal(NamedTuple):
 
     Attributes:
         pose: (rows, 4, 4) rigid motions.
-        locked: (rows, 1) the value of the joint that is locked, or (rows, 0).
+        locked: (rows, 1) the value of the joint that is locked, or the arm angle; or (rows, 0).
     """
 
     pose: jax.Array
@@ -56,7 +56,7 @@ class Scheme(Protocol):
         `locked` (..., 1), or none."""
         ...
 
-    def candidates(self, geometry: Geometry, pose: jax.Array) -> tuple[Candidates, jax.Array]:
+    def candidates(self, geometry: Geometry, goal: Goal) -> tuple[Candidates, jax.Array]:
         """The candidates, and (rows,) an `Obstacle` that proves a pose to be out of reach."""
         ...
 
@@ -83,11 +83,11 @@ class OffsetWrist:
         del locked
         return self.whole
 
-    def candidates(self, geometry: Geometry, pose: jax.Array) -> tuple[Candidates, jax.Array]:
+    def candidates(self, geometry: Geometry, goal: Goal) -> tuple[Candidates, jax.Array]:
         """By the scan, or in closed form where the wrist is spherical."""
         del geometry
-        batch, dtype = pose.shape[0], pose.dtype
-        circle = wrist_circle(self.arm, lanes.columns(pose, 2))
+        batch, dtype = goal.pose.shape[0], goal.pose.dtype
+        circle = wrist_circle(self.arm, lanes.columns(goal.pose, 2))
         find = spherical if self.arm.is_spherical else sweep
         return find(self.arm, circle, batch, dtype), obstacle(circle, batch, dtype)
 
@@ -95,7 +95,7 @@ class OffsetWrist:
         """By subdivision, or by Newton's method where the wrist is spherical."""
         if not self.arm.is_spherical:
             return by_subdivision(self.whole, self.arm, goal.pose, live, limits, self.slots)
-        found, reach = self.candidates(self.whole, goal.pose)
+        found, reach = self.candidates(self.whole, goal)
         return by_polish(
             self.whole, found, reach, goal.pose, live, limits, self.periodic, self.slots
         )
@@ -136,17 +136,18 @@ class ClosedForm:
         kinds = whole.kinds[:joint] + whole.kinds[joint + 1 :]
         return Geometry(np.stack([*whole.screws[:joint], *behind]), lanes.stored(pose), kinds)
 
-    def candidates(self, geometry: Geometry, pose: jax.Array) -> tuple[Candidates, jax.Array]:
+    def candidates(self, geometry: Geometry, goal: Goal) -> tuple[Candidates, jax.Array]:
         """In closed form; there is no other proof than that it has no root."""
-        rows, dtype = pose.shape[0], pose.dtype
-        target = lanes.columns(pose, 2)
-        found = closed_form.candidates(self.plan.family, geometry, target, rows, dtype)
+        rows, dtype = goal.pose.shape[0], goal.pose.dtype
+        target = lanes.columns(goal.pose, 2)
+        angle = Lane(goal.locked[:, 0]) if self.plan.by_arm_angle else None
+        found = closed_form.candidates(self.plan.family, geometry, target, angle, rows, dtype)
         return found, jnp.full(rows, Obstacle.NONE, jnp.int32)
 
     def again(self, goal: Goal, live: jax.Array, limits: Limits) -> Answer:
         """By Newton's method."""
         geometry = self.geometry(goal.locked)
-        found, reach = self.candidates(geometry, goal.pose)
+        found, reach = self.candidates(geometry, goal)
         return by_polish(geometry, found, reach, goal.pose, live, limits, self.periodic, self.slots)
 
 

@@ -97,8 +97,8 @@ _SINGULARITY = {
     Singularity.SHOULDER: "The wrist point lies on axis 1, which can turn without moving it: one "
     "of infinitely many solutions.",
     Singularity.ELBOW: "The arm is stretched or folded: two solutions are one here.",
-    Singularity.WRIST: "Axes 4 and 6 are aligned and can turn against each other: one of "
-    "infinitely many solutions.",
+    Singularity.WRIST: "Two axes are aligned (4 and 6 of six with a spherical wrist) and can turn "
+    "against each other: one of infinitely many solutions.",
     Singularity.MERGED: "Two solutions are one here, or nearly: the Jacobian is singular.",
     Singularity.SELF_MOTION: "The arm can move while the tool rests: one of infinitely many "
     "solutions.",
