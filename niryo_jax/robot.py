@@ -12,7 +12,7 @@ from jax.core import Tracer
 from numpy.typing import ArrayLike
 
 from niryo_jax import families, offset_wrist, structure
-from niryo_jax.families import Plan
+from niryo_jax.family import Plan
 from niryo_jax.offset_wrist import Known
 from niryo_jax.tolerances import MOTION, SCREW_NORM
 
@@ -46,7 +46,7 @@ class Robot:
         joint_names, name: labels; static.
         offset_wrist: which numbers of an offset-wrist arm are 0, 1 or -1 (`offset_wrist.Known`), or
             None for an arm of another structure; found from concrete screws, static.
-        plans: how the arm can be solved in closed form (`families.Plan`); found and static
+        plans: how the arm can be solved in closed form (`family.Plan`); found and static
             likewise.
 
     The four arrays are pytree leaves, so they can be traced, batched and differentiated:

@@ -15,7 +15,7 @@ import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.chain import Motion, compose
-from niryo_jax.families import (
+from niryo_jax.family import (
     Family,
     Schoenflies,
     SphericalShoulderAndWrist,

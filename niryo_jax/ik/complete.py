@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from niryo_jax.families import Plan
+from niryo_jax.family import Plan
 from niryo_jax.geometry import Geometry, on_robot
 from niryo_jax.ik.arrange import Answer, Limits, Slots, arrange
 from niryo_jax.ik.batches import BLOCK, cut_rows, for_each_chunk, padded_rows, program_size

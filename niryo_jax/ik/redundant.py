@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from niryo_jax.families import Plan
+from niryo_jax.family import Plan
 from niryo_jax.ik.batches import in_chunks
 from niryo_jax.ik.collect import collect, limits_of
 from niryo_jax.ik.complete import solve_complete

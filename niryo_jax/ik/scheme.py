@@ -11,7 +11,7 @@ import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.chain import joint_motion
-from niryo_jax.families import Plan
+from niryo_jax.family import Plan
 from niryo_jax.geometry import Geometry
 from niryo_jax.ik import closed_form
 from niryo_jax.ik.arm import Arm, arm_from

@@ -11,7 +11,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from niryo_jax import lanes
-from niryo_jax.families import Shoulder
+from niryo_jax.family import Shoulder
 from niryo_jax.ik import general_shoulder, moves
 from niryo_jax.ik.moves import ONE_ROOT, Move, Roots, Signs, away_from, line_of, turn_between
 from niryo_jax.ik.roots import quadratic_root, sinusoid_root
