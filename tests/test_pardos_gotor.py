@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from known_cases import check_known_cases
 from support import BATCHES, DATA, DTYPES
 
 import niryo_jax as nj
@@ -115,22 +116,8 @@ def random_axes(rng, name, parallel=False):
 def test_known_cases_are_reproduced_with_their_number_of_solutions(name, dtype):
     cases, arguments = vectors(name, dtype)
     answer = SOLVERS[name](*arguments)
-    assert answer.angles.dtype == dtype
-    angles, valid, residual, kind = (np.asarray(x) for x in answer)
-    for i, case in enumerate(cases):
-        tangent = "tangent" in case["tag"] or "delta=0" in case["tag"]
-        tolerance = (1e-4 if tangent else 1e-6) if dtype == np.float64 else 3e-2
-        if case["count"] == "infinite":
-            assert kind[i] == SubproblemKind.INFINITE, case["tag"]
-            assert valid[i].tolist() == [True] + [False] * (valid.shape[1] - 1)
-            continue
-        assert valid[i].sum() == case["count"], case["tag"]
-        for solution in case["solutions"]:
-            apart = angles[i][valid[i]] - np.array(solution)
-            apart = apart if name in TRANSLATIONS else wrapped(apart)
-            assert np.abs(apart).max(axis=-1).min() < tolerance, case["tag"]
-        expected = [SubproblemKind.NONE, SubproblemKind.FINITE][case["count"] > 0]
-        assert kind[i] == (SubproblemKind.TANGENT if tangent else expected), case["tag"]
+    check_known_cases(cases, answer, dtype, turns=name not in TRANSLATIONS)
+    residual, valid = np.asarray(answer.residual), np.asarray(answer.valid)
     assert residual[valid].max() < (1e-12 if dtype == np.float64 else 1e-5)
 
 

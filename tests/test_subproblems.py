@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from known_cases import check_known_cases
 from support import BATCHES, DATA, DTYPES
 
 import niryo_jax as nj
@@ -54,21 +55,7 @@ def random_problem(rng, count=200):
 @pytest.mark.parametrize("name", SOLVERS)
 def test_known_cases_are_reproduced_with_their_number_of_solutions(name, dtype):
     cases, _, answer = solve(name, dtype)
-    assert answer.angles.dtype == dtype
-    angles, valid, kind = (np.asarray(x) for x in (answer.angles, answer.valid, answer.kind))
-    for i, case in enumerate(cases):
-        tangent = "tangent" in case["tag"] or "delta=0" in case["tag"]
-        tolerance = (1e-4 if tangent else 1e-6) if dtype == np.float64 else 3e-2
-        if case["count"] == "infinite":
-            assert kind[i] == SubproblemKind.INFINITE, case["tag"]
-            assert valid[i].tolist() == [True] + [False] * (valid.shape[1] - 1)
-            continue
-        assert valid[i].sum() == case["count"], case["tag"]
-        for solution in case["solutions"]:
-            distance = np.abs(wrapped(angles[i][valid[i]] - np.array(solution))).max(axis=-1)
-            assert distance.min() < tolerance, case["tag"]
-        expected = [SubproblemKind.NONE, SubproblemKind.FINITE][case["count"] > 0]
-        assert kind[i] == (SubproblemKind.TANGENT if tangent else expected), case["tag"]
+    check_known_cases(cases, answer, dtype)
 
 
 @pytest.mark.parametrize("name", SOLVERS)
