@@ -1,6 +1,6 @@
 """Batched, differentiable kinematics in JAX for the Niryo One and for open chains in general."""
 
-from niryo_jax import motion, robots, subproblems
+from niryo_jax import motion, robots, subproblems, workspace
 from niryo_jax.chain import forward_kinematics, link_poses
 from niryo_jax.differential import joint_rates, tool_velocity
 from niryo_jax.ik import (
@@ -55,4 +55,5 @@ __all__ = [
     "space_jacobian",
     "subproblems",
     "tool_velocity",
+    "workspace",
 ]

@@ -44,7 +44,7 @@ ON_EIGHT_DEVICES = """
     ):
         pairs += zip(jax.tree.leaves(solve(pose, q)), jax.tree.leaves(solve(poses, spread)))
     last = jax.devices()[-1]
-    parallel._LEAST, parallel._cores = 100, lambda: 2
+    parallel._LEAST, parallel.cores = 100, lambda: 2
     def double(x):
         return 2.0 * x
     with jax.default_device(last):
@@ -79,7 +79,7 @@ def test_eight_devices_answer_as_one():
 @pytest.fixture
 def three_cores(monkeypatch):
     """As if the process had three cores, and were ready to use them for a few poses."""
-    monkeypatch.setattr(parallel, "_cores", lambda: 3)
+    monkeypatch.setattr(parallel, "cores", lambda: 3)
     monkeypatch.setattr(parallel, "_LEAST", 100)
 
 
@@ -121,7 +121,7 @@ def test_inverse_kinematics_on_all_cores_is_that_on_one(niryo, monkeypatch):
     q = np.random.default_rng(1).uniform(niryo.lower, niryo.upper, (2, 200, 6))
     pose = nj.forward_kinematics(niryo, q)
     many = nj.inverse_kinematics(niryo, pose)
-    monkeypatch.setattr(parallel, "_cores", lambda: 1)
+    monkeypatch.setattr(parallel, "cores", lambda: 1)
     parts = [nj.inverse_kinematics(niryo, x) for x in pose.reshape(2, 200, 4, 4)]
     one = map_solutions(lambda *x: jnp.stack(x), *parts)
     for a, b in zip(jax.tree.leaves(many), jax.tree.leaves(one)):

@@ -22,13 +22,15 @@ def main() -> None:
             ExitCode.MISSING_EXTRA,
         )
         sys.exit(missing.report(as_json="--json" in sys.argv))
-    _configure_jax()
-    sys.exit(run(sys.argv[1:] or ["--help"]))
-
-
-def _configure_jax() -> None:
-    """Settings for a process that solves a handful of poses: none of them on import."""
+    arguments = sys.argv[1:] or ["--help"]
     jax.config.update("jax_enable_x64", True)
+    if arguments[0] != "workspace":
+        _configure_for_few_poses()
+    sys.exit(run(arguments))
+
+
+def _configure_for_few_poses() -> None:
+    """Settings for a process that solves a handful of poses: none of them on import."""
     jax.config.update("jax_platforms", os.environ.get("JAX_PLATFORMS") or "cpu")
     # Compiling takes far longer here than computing, and twice as long when optimised.
     os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")

@@ -17,6 +17,7 @@ from niryo_jax.cli.kinematics import fk, ik
 from niryo_jax.cli.outcome import ExitCode, Failure, as_failure
 from niryo_jax.cli.pick_and_place import pick_and_place
 from niryo_jax.cli.simulate import simulate
+from niryo_jax.cli.workspace import workspace
 
 _EXIT_CODES = "\n\n".join(["Exit codes:", *(f"{code:3d}  {code.message}" for code in ExitCode)])
 
@@ -34,6 +35,7 @@ app.command("pick-and-place")(pick_and_place)
 app.command("simulate")(simulate)
 app.command("describe")(describe)
 app.command("robots")(robots)
+app.add_typer(workspace, name="workspace")
 
 
 def _show_version(wanted: bool) -> None:

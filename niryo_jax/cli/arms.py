@@ -59,7 +59,7 @@ def describe(
     """An arm in words: joints, limits, home pose, and how its axes lie to each other."""
     if arm is not None and robot is not None:
         raise typer.BadParameter("name the robot once: as the argument, or with --robot")
-    chosen = _load(arm or robot or "niryo_one", base, tip)
+    chosen = load_arm(arm or robot or "niryo_one", base, tip)
     if not as_json:
         stdout().print(chosen.describe(), markup=False)
         return
@@ -76,7 +76,8 @@ def describe(
     print_json(document)
 
 
-def _load(name: str, base: str | None, tip: str | None) -> Robot:
+def load_arm(name: str, base: str | None, tip: str | None) -> Robot:
+    """The arm of a name that `niryo-jax robots` lists, or of a URDF file."""
     if name in catalogue.names():
         if base is not None or tip is not None:
             raise typer.BadParameter("--base and --tip choose the chain of a URDF file")

@@ -9,6 +9,7 @@ from enum import IntEnum
 
 from niryo_jax.hardware import ArgumentRejected, NiryoError, PyniryoMissing
 from niryo_jax.hardware.pick_and_place import StepUnsolvable
+from niryo_jax.workspace import StoreError
 
 
 class ExitCode(IntEnum):
@@ -20,6 +21,7 @@ class ExitCode(IntEnum):
     NO_SOLUTION = 3
     ROBOT = 4
     MISSING_EXTRA = 5
+    STORE = 6
     INTERRUPTED = 130
 
     @property
@@ -35,6 +37,7 @@ _MEANING = {
     ExitCode.NO_SOLUTION: "no joint angles within the limits reach the pose",
     ExitCode.ROBOT: "the robot cannot be reached, refused, or did not get there",
     ExitCode.MISSING_EXTRA: "an optional package is not installed",
+    ExitCode.STORE: "a map's store cannot be used or written",
     ExitCode.INTERRUPTED: "interrupted with Ctrl-C",
 }
 
@@ -75,6 +78,8 @@ def as_failure(error: Exception) -> Failure:
             code = ExitCode.MISSING_EXTRA
         case ArgumentRejected():
             code = ExitCode.USAGE
+        case StoreError():
+            code = ExitCode.STORE
         case NiryoError():
             code = ExitCode.ROBOT
         case _:

@@ -71,7 +71,7 @@ def inverse_kinematics(
     """
     chosen = locked is not None or arm_angle is not None
     if method is None:
-        method = "complete" if chosen else _method_for(robot)
+        method = "complete" if chosen else method_for(robot)
     if method not in _SOLVERS:
         raise ValueError(f"method: expected one of {', '.join(_SOLVERS)}, got {method!r}")
     if chosen:
@@ -90,7 +90,8 @@ _SOLVERS: dict[Method, Callable[[Robot, ArrayLike], IKSolutions]] = {
 }
 
 
-def _method_for(robot: Robot) -> Method:
+def method_for(robot: Robot) -> Method:
+    """The method that `inverse_kinematics` takes where none is named."""
     if not isinstance(robot, Robot):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise TypeError(f"robot: expected a niryo_jax.Robot, got {type(robot).__name__}")
     if robot.offset_wrist is not None or (robot.plans and spare(robot) is None):
@@ -105,6 +106,7 @@ __all__ = [
     "IKSolutions",
     "IKStatus",
     "JointPath",
+    "Method",
     "NewtonResult",
     "Obstacle",
     "SeededBranches",
@@ -112,6 +114,7 @@ __all__ = [
     "arm_angle",
     "follow",
     "inverse_kinematics",
+    "method_for",
     "nearest_reachable",
     "newton_raphson",
     "seeded_branches",

@@ -99,13 +99,13 @@ def on_all_cores(
     devices = arrays[0].sharding.device_set
     size = math.prod(batch)
     here = len(devices) == 1 and all(device.platform == "cpu" for device in devices)
-    pieces = min(_cores(), size // _LEAST) if here else 1
+    pieces = min(cores(), size // _LEAST) if here else 1
     if pieces < 2:
         return solve(*arrays)
     return _in_pieces(solve, arrays, batch, size_of_program(-(-size // pieces)), tree_map)
 
 
-def _cores() -> int:
+def cores() -> int:
     """How many cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 

@@ -1,0 +1,166 @@
+"""What the complete solution set of a pose says of it: reached or not, how often, and how well."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from niryo_jax.geometry import Geometry, on_robot
+from niryo_jax.ik import Method, inverse_kinematics
+from niryo_jax.ik.batches import cut_rows, for_each_chunk, padded_rows
+from niryo_jax.ik.parallel import on_all_cores
+from niryo_jax.ik.solutions import limit_margin
+from niryo_jax.jacobian import pose_and_jacobian
+from niryo_jax.lanes.batching import as_floating, check_shape, on_joints
+from niryo_jax.lanes.singular import singular_values
+from niryo_jax.robot import Robot, is_concrete
+
+_POSTURES = 512
+_FEW_POSES = 256
+_POSES = 4096
+
+
+class PoseMeasures(NamedTuple):
+    """What can be said of poses; each measure is that of the best solution within the limits.
+
+    Attributes:
+        solutions: (...,) number of solutions within the joint limits.
+        solutions_unlimited: (...,) number of solutions, whatever the limits.
+        complete: (...,) whether it is proved that there are no others.
+        manipulability: (...,) the product of the singular values of the Jacobian: Yoshikawa's
+            sqrt(det(J J^T)) for six joints and more, m^3; greatest.
+        limit_margin: (...,) distance of the joint nearest to one of its limits, radians; greatest.
+        singular_value: (...,) smallest singular value of the body Jacobian, whose linear rows are
+            divided by a length; greatest.
+        position_noise: (...,) metres per radian: RMS position error for independent joint errors,
+            to first order sqrt(trace(J_v J_v^T)); least.
+
+    The last four are NaN where there is no solution within the limits.
+    """
+
+    solutions: jax.Array
+    solutions_unlimited: jax.Array
+    complete: jax.Array
+    manipulability: jax.Array
+    limit_margin: jax.Array
+    singular_value: jax.Array
+    position_noise: jax.Array
+
+
+def pose_measures(
+    robot: Robot, pose: ArrayLike, *, method: Method | None = None, length: float = 1.0
+) -> PoseMeasures:
+    """How often and how well an arm reaches poses.
+
+    Args:
+        robot: the arm.
+        pose: (..., 4, 4) targets in the space frame, metres.
+        method: as in `inverse_kinematics`.
+        length: metres by which the linear rows of the Jacobian are divided for `singular_value`.
+
+    Returns:
+        `PoseMeasures` (...,); no solutions for a pose that is not a rigid motion.
+
+    Raises:
+        ValueError: a wrong shape, a length that is not positive, a limit that is not a number, and
+            all that `inverse_kinematics` refuses.
+        TypeError: a traced robot.
+    """
+    check_robot(robot)
+    check_length(length)
+    pose = as_floating("pose", pose)
+    check_shape("pose", pose, (4, 4))
+    program = _program(robot, method, length)
+
+    def solve(pose: jax.Array) -> PoseMeasures:
+        batch = pose.shape[:-2]
+        rows = padded_rows(pose, len(batch), _padded(math.prod(batch)))
+        parts = [program(part) for part in jnp.split(rows, max(1, len(rows) // _POSES))]
+        return jax.tree.map(lambda *x: cut_rows(jnp.concatenate(x), batch), *parts)
+
+    return on_all_cores(solve, [pose], pose.shape[:-2], _padded)
+
+
+def check_robot(robot: Robot) -> None:
+    """Refuse what is not a concrete robot whose limits are numbers."""
+    if not isinstance(robot, Robot):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise TypeError(f"robot: expected a niryo_jax.Robot, got {type(robot).__name__}")
+    robot.known_screws()
+    if not is_concrete(robot.lower, robot.upper):
+        raise TypeError("robot: expected concrete joint limits, got traced ones")
+    limits = np.stack([np.asarray(robot.lower), np.asarray(robot.upper)])
+    if np.any(np.isnan(limits)):
+        raise ValueError(f"robot: expected joint limits that are numbers, got\n{limits}")
+
+
+def check_length(length: float) -> None:
+    """Refuse a length that is none."""
+    if not 0 < length < np.inf:
+        raise ValueError(f"length: expected a positive number of metres, got {length}")
+
+
+def _padded(size: int) -> int:
+    """Two sizes are compiled: for a few poses, and for so many at a time."""
+    return _FEW_POSES if size <= _FEW_POSES else -(-size // _POSES) * _POSES
+
+
+@functools.lru_cache(maxsize=16)
+def _program(
+    robot: Robot, method: Method | None, length: float
+) -> Callable[[jax.Array], PoseMeasures]:
+    return jax.jit(functools.partial(measure, robot, method=method, length=length))
+
+
+def measure(robot: Robot, pose: jax.Array, *, method: Method | None, length: float) -> PoseMeasures:
+    """`pose_measures` of poses (rows, 4, 4), as part of a caller's program."""
+    solutions = inverse_kinematics(robot, pose, method)
+    rows, slots = solutions.found.shape
+    within = solutions.within_limits
+    q = solutions.q.reshape(rows * slots, -1)
+    limits = solutions.lower, solutions.upper
+
+    # Few slots hold a solution within the limits: what is computed of each is computed for those.
+    def some(best: jax.Array, at: jax.Array, live: jax.Array) -> jax.Array:
+        posture = q[at]
+        worth = _worth(robot, posture.T, length=length)
+        margin = limit_margin(posture, *limits)
+        where = jnp.where(live, at // slots, rows)
+        return best.at[where].max(jnp.stack([margin, *worth], axis=-1), mode="drop")
+
+    nothing = jnp.full((rows, 4), -jnp.inf, pose.dtype)
+    chunk = min(_POSTURES, rows * slots)
+    best = for_each_chunk(within.reshape(rows * slots), chunk, some, nothing)
+    reached = jnp.any(within, axis=-1)[:, None]
+    noise_last = best * jnp.array([1.0, 1.0, 1.0, -1.0], best.dtype)
+    margin, volume, smallest, noise = jnp.where(reached, noise_last, jnp.nan).T
+    return PoseMeasures(
+        jnp.sum(within, axis=-1, dtype=jnp.int32),
+        solutions.count,
+        solutions.complete,
+        volume,
+        margin,
+        smallest,
+        noise,
+    )
+
+
+@on_robot
+def _worth(geometry: Geometry, q: jax.Array, length: float) -> tuple[jax.Array, ...]:
+    """Manipulability, smallest singular value and minus the position noise of q (n, rows)."""
+    jacobian = on_joints(
+        lambda q: pose_and_jacobian(geometry, q, "body")[1], q, geometry.joints, batch_last=True
+    )
+    linear = jacobian[3:]
+    values = singular_values(jnp.concatenate([jacobian[:3], linear / length]))
+    noise = jnp.sqrt(jnp.sum(linear * linear, axis=(0, 1)))
+    # A length can be taken out of the product of six rows, not of fewer columns.
+    six = geometry.joints >= 6
+    volume = jnp.prod(values if six else singular_values(jacobian), axis=0)
+    return volume * (length**3 if six else 1.0), jnp.min(values, axis=0), -noise
