@@ -14,6 +14,7 @@ from niryo_jax.workspace.forward import forward_map, joint_samples
 from niryo_jax.workspace.measures import PoseMeasures, pose_measures
 from niryo_jax.workspace.orientations import Orientations, given, orientations
 from niryo_jax.workspace.placement import BasePlacements, base_placement
+from niryo_jax.workspace.processes import one_of_many
 from niryo_jax.workspace.progress import progress_bar
 from niryo_jax.workspace.spec import MapSpec
 from niryo_jax.workspace.store import StoreError
@@ -36,6 +37,7 @@ __all__ = [
     "from_npz",
     "given",
     "joint_samples",
+    "one_of_many",
     "open_map",
     "orientations",
     "plots",

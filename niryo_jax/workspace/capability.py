@@ -16,6 +16,7 @@ from niryo_jax.ik import Method
 from niryo_jax.ik.solutions import SLOTS
 from niryo_jax.robot import Robot
 from niryo_jax.workspace.orientations import Orientations
+from niryo_jax.workspace.processes import await_others
 from niryo_jax.workspace.progress import Progress
 from niryo_jax.workspace.spec import Bounds, Chunk, MapSpec
 from niryo_jax.workspace.store import MapStore, StoreError
@@ -61,8 +62,9 @@ def capability_map(
         length: metres by which the linear rows of the Jacobian are divided for singular values.
         method: as in `inverse_kinematics`; "complete" where the arm has one, and then the map is
             exact: a pose counts as not reached only where that is proved.
-        share: (index, count): compute every count-th chunk only, as one of so many processes that
-            share the store; where not given, that of this process under `jax.distributed`.
+        share: (index, count): compute part of the chunks only, as one of so many processes that
+            share the store. Where not given, that of this process under `jax.distributed`
+            (`workspace.one_of_many`), and the call returns when the others have brought theirs.
         progress: called with the poses done and the poses in all, e.g. what
             `workspace.progress_bar` gives.
 
@@ -193,7 +195,7 @@ def _fill(
     if not 0 <= index < count:
         raise ValueError(f"share: expected (index, count) with 0 <= index < count, got {share}")
     with store.locked(index):
-        mine = [chunk for chunk in spec.chunks() if chunk.number % count == index]
+        mine = spec.share(index, count)
         for chunk in store.damaged(mine):
             warnings.warn(
                 f"{store.name}: chunk {chunk.number} is damaged and computed again", stacklevel=3
@@ -215,6 +217,8 @@ def _fill(
             advance(0)
             for chunk, arrays in compute(TileProgram(spec), left, advance):
                 store.write(chunk, arrays)
+    if share is None and count > 1:
+        await_others(store.missing)
     return store.dataset()
 
 

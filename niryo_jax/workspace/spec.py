@@ -141,6 +141,16 @@ class MapSpec:
         """How many chunks there are."""
         return math.prod(-(-size // self.chunk_edge) for size in self.grid.shape)
 
+    def share(self, index: int, count: int) -> list[Chunk]:
+        """The chunks of one of so many processes: each gets about as many voxels."""
+        voxels, mine = [0] * count, list[Chunk]()
+        for chunk in sorted(self.chunks(), key=lambda chunk: -math.prod(chunk.shape)):
+            least = voxels.index(min(voxels))
+            voxels[least] += math.prod(chunk.shape)
+            if least == index:
+                mine.append(chunk)
+        return sorted(mine)
+
     def attributes(self) -> dict[str, Any]:
         """All that the numbers depend on, as JSON holds it."""
         chosen = self.orientations

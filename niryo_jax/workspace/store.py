@@ -126,6 +126,10 @@ class MapStore:
         """(chunks,) which chunks are stored whole."""
         return self._group[CHECKSUM][:] != NOT_DONE
 
+    def missing(self) -> int:
+        """How many chunks are not stored yet."""
+        return int(np.sum(~self.done()))
+
     def write(self, chunk: Chunk, arrays: Mapping[str, np.ndarray]) -> None:
         """Store a chunk, and then that it is done.
 
@@ -174,7 +178,7 @@ class MapStore:
         for variable in dataset.variables.values():
             if variable.dims != POSES:
                 variable.load()
-        if missing := int(np.sum(~self.done())):
+        if missing := self.missing():
             dataset.attrs["chunks_missing"] = missing
         return dataset
 
