@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import niryo_jax as nj
+from benchmarks.workspace import poses_at, slow_path
 from niryo_jax import workspace as ws
 from niryo_jax.lanes.singular import singular_values
-from niryo_jax.workspace.orientations import rotations_of
 
 for needed in ("xarray", "zarr"):
     pytest.importorskip(needed)
@@ -30,60 +30,21 @@ def scara():
     return nj.robots.load("abb_irb910sc")
 
 
-def poses_of(map):
-    """(x, y, z, M, 4, 4) the poses that a map is of, put together by hand."""
-    centres = np.stack(np.meshgrid(map.x, map.y, map.z, indexing="ij"), axis=-1)
-    rotations = rotations_of(map.orientation_quaternion.values)
-    pose = np.zeros((*centres.shape[:-1], len(rotations), 4, 4))
-    pose[..., :3, :3], pose[..., 3, 3] = rotations, 1.0
-    pose[..., :3, 3] = centres[..., None, :]
-    return pose
-
-
 def test_every_number_is_that_of_the_slow_path(niryo_map, niryo):
     """Each variable again, by public functions on whole solution sets and plain numpy."""
-    solutions = nj.inverse_kinematics(niryo, poses_of(niryo_map))
-    within = np.asarray(solutions.within_limits)
-    count = within.sum(-1)
-    reached = count > 0
-    equal = np.testing.assert_array_equal
-    equal(niryo_map.pose_solutions, count)
-    equal(niryo_map.pose_solutions_unlimited, solutions.count)
-    equal(niryo_map.reachability_index, reached.mean(-1).astype(np.float32))
-    equal(
-        niryo_map.reachability_index_unlimited,
-        (np.asarray(solutions.count) > 0).mean(-1).astype(np.float32),
+    centres = np.stack(np.meshgrid(*(niryo_map[axis] for axis in "xyz"), indexing="ij"), axis=-1)
+    truths = slow_path(niryo, poses_at(niryo_map, centres), niryo_map.attrs["dexterous"])
+    of_chunks = {"orientation_reached", "solution_histogram", "orientation_quaternion"}
+    assert set(truths) == set(niryo_map) - of_chunks
+    for name, truth in truths.items():
+        np.testing.assert_allclose(niryo_map[name], truth, rtol=3e-7, atol=1e-9, err_msg=name)
+    count = truths["pose_solutions"]
+    np.testing.assert_array_equal(
+        niryo_map.orientation_reached.sum("chunk"), (count > 0).sum((0, 1, 2))
     )
-    equal(niryo_map.solutions_most, count.max(-1))
-    np.testing.assert_allclose(niryo_map.solutions_mean, count.mean(-1), rtol=1e-6)
-    equal(niryo_map.undecided_fraction, 0.0)
-    equal(niryo_map.orientation_reached.sum("chunk"), reached.sum((0, 1, 2)))
-    equal(niryo_map.solution_histogram.sum("chunk"), np.bincount(count.ravel(), minlength=17))
-    body = np.asarray(nj.body_jacobian(niryo, solutions.q))
-    smallest = np.linalg.svd(body, compute_uv=False)[..., -1]
-    margin = np.minimum(solutions.q - niryo.lower, niryo.upper - solutions.q).min(-1)
-    truths = {
-        "manipulability": np.asarray(nj.manipulability(niryo, solutions.q)),
-        "singular_value": smallest,
-        "limit_margin": margin,
-        "position_noise": -np.sqrt((body[..., 3:, :] ** 2).sum((-1, -2))),
-    }
-    some = reached.any(-1)
-    for name, values in truths.items():
-        best = np.where(within, values, -np.inf).max(-1)
-        sign = -1 if name == "position_noise" else 1
-        pose = np.where(reached, sign * best, np.nan)
-        np.testing.assert_allclose(niryo_map[f"pose_{name}"], pose, rtol=1e-6, atol=1e-9)
-        top = sign * np.where(reached, best, -np.inf).max(-1)
-        np.testing.assert_allclose(
-            niryo_map[f"{name}_best"], np.where(some, top, np.nan), rtol=1e-6, atol=1e-9
-        )
-        mean = np.where(reached, sign * best, 0).sum(-1) / np.maximum(reached.sum(-1), 1)
-        np.testing.assert_allclose(
-            niryo_map[f"{name}_mean"], np.where(some, mean, np.nan), rtol=1e-6, atol=1e-9
-        )
-    clear = np.where(within, smallest, 0).max(-1) >= niryo_map.attrs["dexterous"]
-    equal(niryo_map.dexterous_fraction, clear.mean(-1).astype(np.float32))
+    np.testing.assert_array_equal(
+        niryo_map.solution_histogram.sum("chunk"), np.bincount(count.ravel(), minlength=17)
+    )
 
 
 def test_no_reachable_pose_is_called_unreachable(niryo, niryo_map, rng):

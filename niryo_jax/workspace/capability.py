@@ -100,7 +100,7 @@ def resume(
 def open_map(
     store: str | PathLike[str], *, check: bool = True, partial: bool = False
 ) -> xr.Dataset:
-    """The map of a store; what is of each pose is read when it is looked at.
+    """The map of a store, which is read when it is looked at.
 
     Args:
         store: the directory.

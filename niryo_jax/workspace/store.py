@@ -22,7 +22,7 @@ import numpy as np
 from niryo_jax.workspace.extras import need
 from niryo_jax.workspace.layout import CHECKSUM, NOT_DONE, QUATERNIONS, lay_out
 from niryo_jax.workspace.spec import Chunk, MapSpec
-from niryo_jax.workspace.variables import POSES, VARIABLES, VOXELS
+from niryo_jax.workspace.variables import VARIABLES, VOXELS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -143,41 +143,28 @@ class MapStore:
 
     def damaged(self, chunks: Iterable[Chunk]) -> list[Chunk]:
         """Which of these chunks are said to be done and are not as they were written."""
-        done, checksums = self.done(), self._group[CHECKSUM][:]
+        there, checksums = set(self._group.array_keys()), self._group[CHECKSUM][:]
+        arrays = {name: self._group[name] for name in VARIABLES if name in there}
         return [
             chunk
             for chunk in chunks
-            if done[chunk.number] and checksums[chunk.number] != self._stored_checksum(chunk)
+            if checksums[chunk.number] != NOT_DONE
+            and checksums[chunk.number] != _checksum_of(arrays, chunk)
         ]
-
-    def _stored_checksum(self, chunk: Chunk) -> int:
-        there = set(self._group.array_keys())
-        try:
-            return _checksum(
-                {
-                    name: self._group[name][_place(name, chunk)]
-                    for name in VARIABLES
-                    if name in there
-                }
-            )
-        except (ValueError, RuntimeError, OSError):
-            # Each decoder refuses what is damaged in its own way.
-            return NOT_DONE
 
     def forget(self, chunk: Chunk) -> None:
         """Note that a chunk is not done."""
         self._group[CHECKSUM][chunk.number] = NOT_DONE
 
     def dataset(self) -> xr.Dataset:
-        """The map; what is of each pose is read when it is looked at."""
+        """The map; what lies on a disk is read when it is looked at."""
         xarray = need("xarray")
         opened = xarray.open_zarr(
             self._group.store, consolidated=False, chunks=None, mask_and_scale=False
         )
         dataset = opened[[name for name in (*VARIABLES, QUATERNIONS) if name in opened]]
-        for variable in dataset.variables.values():
-            if variable.dims != POSES:
-                variable.load()
+        if self._where is None:
+            dataset.load()
         if missing := self.missing():
             dataset.attrs["chunks_missing"] = missing
         return dataset
@@ -222,6 +209,15 @@ def _checksum(arrays: Mapping[str, np.ndarray]) -> int:
     for name in sorted(arrays):
         value = zlib.crc32(np.ascontiguousarray(arrays[name]).tobytes(), value)
     return value + 1
+
+
+def _checksum_of(arrays: Mapping[str, Any], chunk: Chunk) -> int:
+    """The checksum of what is stored of a chunk."""
+    try:
+        return _checksum({name: array[_place(name, chunk)] for name, array in arrays.items()})
+    except (ValueError, RuntimeError, OSError):
+        # Each decoder refuses what is damaged in its own way.
+        return NOT_DONE
 
 
 def _short(value: Any) -> str:
