@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Generator
+import re
 from pathlib import Path
 from typing import Annotated
 
-import jax
 import numpy as np
 import typer
+from rich.text import Text
 
 from niryo_jax import workspace as ws
 from niryo_jax.cli.arms import load_arm
 from niryo_jax.cli.console import busy, stderr, stdout
 from niryo_jax.cli.options import JsonOption
-from niryo_jax.cli.outcome import ExitCode, Failure
-from niryo_jax.cli.workspace_views import report, show, show_placements
-from niryo_jax.workspace.orientations import KINDS, rotations_of
+from niryo_jax.cli.outcome import ExitCode, Failure, print_json
+from niryo_jax.cli.workspace_files import (
+    file_name,
+    refusals,
+    resumable,
+    task_poses,
+    whole_map,
+    written,
+)
+from niryo_jax.cli.workspace_views import placements_document, placements_table, report, show
+from niryo_jax.workspace.orientations import KINDS
 
 workspace = typer.Typer(
     name="workspace",
     help="Capability maps: what an arm can reach, exactly, and where to put it.",
-    no_args_is_help=True,
 )
 
 MapArgument = Annotated[Path, typer.Argument(metavar="MAP", help="A store that `map` has written.")]
@@ -30,7 +36,7 @@ ShareOption = Annotated[
     str | None,
     typer.Option(
         metavar="I/N",
-        help="Compute every N-th chunk, from the I-th (0 to N-1) on: one of N processes.",
+        help="Compute the I-th (0 to N-1) of N parts of the map: one of N processes.",
     ),
 ]
 DistributedOption = Annotated[
@@ -44,6 +50,7 @@ DistributedOption = Annotated[
 
 @workspace.command("map")
 def make_map(
+    context: typer.Context,
     arm: Annotated[
         str,
         typer.Argument(metavar="ROBOT-OR-URDF", help="A robot of `niryo-jax robots`, or a file."),
@@ -59,10 +66,12 @@ def make_map(
             metavar="X0 Y0 Z0 X1 Y1 Z1", help="Corners of the box, metres; all reach unless given."
         ),
     ] = None,
-    orientations: Annotated[int, typer.Option(help="How many orientations.")] = 200,
+    orientations: Annotated[int, typer.Option(min=1, help="How many orientations.")] = 200,
     kind: Annotated[str, typer.Option(help=f"Their kind: {', '.join(KINDS)}.")] = KINDS[0],
-    rolls: Annotated[int, typer.Option(help="Kind directions: rolls about each direction.")] = 1,
-    seed: Annotated[int, typer.Option(help="Which set of orientations.")] = 0,
+    rolls: Annotated[
+        int, typer.Option(min=1, help="Kind directions: rolls about each direction.")
+    ] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Which set of orientations.")] = 0,
     dexterous: Annotated[
         float, typer.Option(help="Least singular value of a posture clear of singularities.")
     ] = 0.05,
@@ -84,10 +93,10 @@ def make_map(
 
     A run that was ended goes on when the same command is given again, or `resume`.
     """
+    part = _share(context, share, distributed)
     robot = load_arm(arm, base, tip)
-    part = _share(share, distributed)
     corners = None if bounds is None else (bounds[:3], bounds[3:])
-    with _refusals():
+    with refusals():
         chosen = ws.orientations(orientations, kind, seed=seed, rolls=rolls)
         spec = ws.MapSpec.of(robot, voxel, corners, chosen, dexterous, length, None, full)
         if dry_run:
@@ -95,9 +104,9 @@ def make_map(
                 cost = ws.estimate(spec)
             show("Cost of the map", cost._asdict(), as_json)
             return
-        where = store or Path(f"{robot.name}.zarr")
+        where = store or Path(f"{file_name(robot.name)}.zarr")
         _announce(spec, where)
-        with ws.progress_bar(f"map of {robot.name}", "poses") as progress:
+        with resumable(), ws.progress_bar("map", "poses") as progress:
             found = ws.capability_map(
                 robot,
                 voxel,
@@ -115,14 +124,15 @@ def make_map(
 
 @workspace.command("resume")
 def resume(
+    context: typer.Context,
     store: MapArgument,
     share: ShareOption = None,
     distributed: DistributedOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Go on with a map whose run was ended, and compute damaged chunks again."""
-    part = _share(share, distributed)
-    with _refusals(), ws.progress_bar(f"{store}", "poses") as progress:
+    part = _share(context, share, distributed)
+    with refusals(), resumable(), ws.progress_bar("map", "poses") as progress:
         found = ws.resume(store, share=part, progress=progress)
     report(found, store, as_json)
 
@@ -130,7 +140,7 @@ def resume(
 @workspace.command("info")
 def info(store: MapArgument, as_json: JsonOption = False) -> None:
     """What a map is of, whether it is whole and undamaged, and its main numbers."""
-    with _refusals():
+    with refusals():
         found = ws.open_map(store, partial=True)
     report(found, store, as_json)
 
@@ -140,7 +150,11 @@ def plot(
     store: MapArgument,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="File .png, .svg or .pdf; MAP-KIND.png unless given."),
+        typer.Option(
+            "--output",
+            "-o",
+            help="File .png, .svg or .pdf; MAP-KIND.png or MAP-OF.png unless given.",
+        ),
     ] = None,
     kind: Annotated[str, typer.Option(help=f"One of {', '.join(ws.plots.PLOTS)}.")] = "overview",
     of: Annotated[
@@ -152,27 +166,37 @@ def plot(
         raise typer.BadParameter(f"--kind: expected one of {', '.join(ws.plots.PLOTS)}")
     if of is not None and kind != "sections":
         raise typer.BadParameter("--of goes with --kind sections")
-    with _refusals():
-        found = ws.open_map(store)
+    with refusals():
+        found = whole_map(store)
         figure = ws.plots.sections(found, of) if of else ws.plots.PLOTS[kind](found)
-        where = output or Path(f"{store.stem}-{kind}.png")
-        ws.plots.save(figure, where)
-    stdout().print(f"wrote {where}", markup=False)
+        where = output or Path(f"{store.resolve().stem}-{of or kind}.png")
+        with written(where):
+            ws.plots.save(figure, where)
+    print(f"wrote {where}")
 
 
 @workspace.command("export")
 def export(
     store: MapArgument,
     output: Annotated[Path, typer.Argument(help="File .npz, or .ply for a point cloud.")],
-    of: Annotated[str, typer.Option(help="PLY: the variable that colours.")] = "reachability_index",
+    of: Annotated[
+        str | None,
+        typer.Option(help="PLY: the variable that colours; reachability_index unless given."),
+    ] = None,
 ) -> None:
     """Write a map for other tools: all arrays as npz, or the voxels as a point cloud."""
-    writers = {".npz": ws.to_npz, ".ply": lambda map, path: ws.to_ply(map, path, of)}
-    if output.suffix not in writers:
+    if output.suffix not in (".npz", ".ply"):
         raise typer.BadParameter(f"OUTPUT: expected a name that ends in .npz or .ply, got {output}")
-    with _refusals():
-        writers[output.suffix](ws.open_map(store), output)
-    stdout().print(f"wrote {output}", markup=False)
+    if of is not None and output.suffix != ".ply":
+        raise typer.BadParameter("--of goes with a .ply file")
+    with refusals():
+        found = whole_map(store)
+        with written(output):
+            if output.suffix == ".npz":
+                ws.to_npz(found, output)
+            else:
+                ws.to_ply(found, output, of or "reachability_index")
+    print(f"wrote {output}")
 
 
 @workspace.command("place-base")
@@ -185,7 +209,9 @@ def place_base(
             "with x y z and a quaternion w x y z."
         ),
     ],
-    headings: Annotated[int, typer.Option(help="Turns about the vertical that are tried.")] = 24,
+    headings: Annotated[
+        int, typer.Option(min=1, help="Turns about the vertical that are tried.")
+    ] = 24,
     height: Annotated[float, typer.Option(help="Height of the base, metres.")] = 0.0,
     region: Annotated[
         tuple[float, float, float, float] | None,
@@ -194,14 +220,16 @@ def place_base(
     step: Annotated[
         float | None, typer.Option(help="Distance of the places, metres; the map's voxel.")
     ] = None,
-    most: Annotated[int, typer.Option(help="How many placements to show.")] = 10,
+    most: Annotated[int, typer.Option(min=1, help="How many placements to show.")] = 10,
     as_json: JsonOption = False,
 ) -> None:
     """Where to put the robot so that it reaches task poses, best first; checked exactly."""
-    with _refusals(), ws.progress_bar("placements", "placements") as progress:
+    with refusals():
+        poses, seen = task_poses(tasks), whole_map(store)
+    with refusals(), ws.progress_bar("placements", "placements") as progress:
         found = ws.base_placement(
-            ws.open_map(store),
-            _task_poses(tasks),
+            seen,
+            poses,
             region=None if region is None else (region[:2], region[2:]),
             step=step,
             headings=headings,
@@ -209,11 +237,17 @@ def place_base(
             most=most,
             progress=progress,
         )
-    show_placements(found, as_json)
+    document = placements_document(found)
+    if not as_json:
+        stdout().print(placements_table(found))
     if not len(found.base) or not np.all(found.reached[0]):
         raise Failure(
-            "no placement was found from which all task poses are reached", ExitCode.NO_SOLUTION
+            "no placement was found from which all task poses are reached",
+            ExitCode.NO_SOLUTION,
+            document,
         )
+    if as_json:
+        print_json(document)
 
 
 @workspace.command("compare")
@@ -226,66 +260,42 @@ def compare(
     as_json: JsonOption = False,
 ) -> None:
     """What changes from one map to another: two robots, or two sets of limits."""
-    with _refusals():
-        found = ws.compare(ws.open_map(first), ws.open_map(second))
+    with refusals():
+        found = ws.compare(whole_map(first), whole_map(second))
         if output is not None:
-            ws.plots.save(ws.plots.differences(found), output)
+            figure = ws.plots.differences(found)
+            with written(output):
+                ws.plots.save(figure, output)
     numbers = {name: value for name, value in found.attrs.items() if np.isscalar(value)}
     show(f"From {first} to {second}", numbers, as_json)
 
 
-def _share(share: str | None, distributed: bool) -> tuple[int, int] | None:
-    """Which part of the chunks this process computes."""
+def _share(context: typer.Context, share: str | None, distributed: bool) -> tuple[int, int] | None:
+    """Which part of the chunks this process computes; before anything uses JAX's devices."""
     if distributed:
         if share is not None:
             raise typer.BadParameter("--share and --distributed: expected one of the two")
-        jax.distributed.initialize()
+        try:
+            context.with_resource(ws.one_of_many())
+        except (ValueError, RuntimeError) as error:
+            raise Failure(f"--distributed: {error}", ExitCode.USAGE) from error
         return None
     if share is None:
         return None
-    try:
-        index, count = (int(part) for part in share.split("/"))
-    except ValueError:
-        raise typer.BadParameter(f"--share: expected I/N as in 0/2, got {share!r}") from None
+    match = re.fullmatch(r"([0-9]+)/([0-9]+)", share)
+    index, count = map(int, match.groups()) if match else (0, 0)
+    if index >= count:
+        raise typer.BadParameter(
+            f"--share: expected I/N with I from 0 to N-1, as in 0/2, got {share!r}"
+        )
     return index, count
-
-
-@contextlib.contextmanager
-def _refusals() -> Generator[None]:
-    """What the library refuses, and what is not installed, as failures of the command."""
-    try:
-        yield
-    except ImportError as error:
-        raise Failure(str(error), ExitCode.MISSING_EXTRA) from error
-    except (ValueError, FileNotFoundError) as error:
-        raise Failure(str(error), ExitCode.USAGE) from error
 
 
 def _announce(spec: ws.MapSpec, where: Path) -> None:
     grid = spec.grid
-    stderr().print(
+    said = (
         f"{spec.robot.name}: {grid.size:,} voxels of {grid.voxel:g} m x {len(spec.quaternions):,} "
-        f"orientations = {spec.poses:,} poses, to {where} (the program is compiled first)",
-        markup=False,
+        f"orientations = {spec.poses:,} poses, to {where} (the bar stands while JAX compiles)"
     )
-
-
-def _task_poses(path: Path) -> np.ndarray:
-    """(t, 4, 4) poses of a file."""
-    try:
-        if path.suffix == ".npy":
-            return np.load(path, allow_pickle=False)
-        rows = np.loadtxt(path, ndmin=2)
-    except (ValueError, OSError) as error:
-        raise Failure(f"TASKS: cannot read {path}: {error}", ExitCode.USAGE) from error
-    if rows.shape[-1] != 7:
-        raise Failure(
-            f"TASKS: expected lines of seven numbers (x y z, quaternion w x y z) in {path}, got "
-            f"{rows.shape[-1]}",
-            ExitCode.USAGE,
-        )
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
-    poses[:, :3, 3] = rows[:, :3]
-    lengths = np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
-    poses[:, :3, :3] = rotations_of(rows[:, 3:] / lengths)
-    return poses
+    # As text, for names may look like markup.
+    stderr().print(Text(said))
