@@ -98,3 +98,22 @@ def test_differential_kinematics():
     assert result.fastest[2] > 1000
     assert np.all(result.damped < 3)
     assert np.all(result.error < 0.25)
+
+
+@pytest.mark.skipif(
+    any(importlib.util.find_spec(needed) is None for needed in ("xarray", "zarr")),
+    reason="the extra workspace is not installed",
+)
+def test_capability_map(niryo):
+    result = run("11_capability_map")
+    assert result.undecided == 0
+    assert result.volume.lower < result.volume.value < result.volume.upper
+    # The tool stays within 0.46 m of the axis of joint 1: less than a ball of half a metre.
+    assert 0.2 < result.volume.value < 4 / 3 * np.pi * 0.5**3
+    best = result.placements
+    np.testing.assert_allclose(best.position[0], [0.7, 0.5, 0.0], atol=1e-9)
+    assert np.all(best.reached[0])
+    solutions = nj.inverse_kinematics(niryo, np.linalg.inv(best.base[0]) @ result.tasks)
+    assert np.all(np.any(solutions.within_limits, axis=-1))
+    if result.picture is not None:
+        assert result.picture.read_bytes().startswith(b"\x89PNG")

@@ -340,3 +340,9 @@ def test_a_workspace_without_end_is_refused(rng):
     broken = dataclasses.replace(slide, lower=np.full(4, np.nan))
     with pytest.raises(ValueError, match=r"limits.*lower"):
         extent(broken)
+
+
+@pytest.mark.parametrize("voxel", [1e-9, 1e-320])
+def test_more_voxels_than_any_store_holds_are_refused(voxel):
+    with pytest.raises(ValueError, match="voxel: .* too small"):
+        Grid.covering(np.zeros(3), np.ones(3), voxel)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -298,3 +299,20 @@ class TestStore:
     def test_a_place_that_cannot_be_written_is_named(self):
         with pytest.raises(ws.StoreError, match=r"/proc/map\.zarr: cannot make the store"):
             ws.capability_map(scara(), 0.2, orientations=2, store="/proc/map.zarr")
+
+    @pytest.mark.parametrize(
+        "change", [{"voxel": "abc"}, {"robot": 5}, {"shape": [4000, 40, 40]}, {"method": None}]
+    )
+    def test_tampered_attributes_are_named(self, copy, change):
+        document = json.loads((copy / "zarr.json").read_text())
+        if change == {"method": None}:
+            change, document["attributes"] = {}, {}
+        document["attributes"].update(change)
+        (copy / "zarr.json").write_text(json.dumps(document))
+        with pytest.raises(ws.StoreError, match="copy.zarr"):
+            ws.open_map(copy)
+
+    def test_a_share_that_is_none_leaves_nothing_behind(self, tmp_path):
+        with pytest.raises(ValueError, match="share"):
+            ws.capability_map(scara(), 0.2, store=tmp_path / "new.zarr", share=(2, 2))
+        assert not (tmp_path / "new.zarr").exists()

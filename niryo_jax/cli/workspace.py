@@ -71,6 +71,10 @@ def make_map(
     rolls: Annotated[
         int, typer.Option(min=1, help="Kind directions: rolls about each direction.")
     ] = 1,
+    axis: Annotated[
+        tuple[float, float, float],
+        typer.Option(metavar="X Y Z", help="Kind directions: axis of approach, tool frame."),
+    ] = (1.0, 0.0, 0.0),
     seed: Annotated[int, typer.Option(min=0, help="Which set of orientations.")] = 0,
     dexterous: Annotated[
         float, typer.Option(help="Least singular value of a posture clear of singularities.")
@@ -97,7 +101,7 @@ def make_map(
     robot = load_arm(arm, base, tip)
     corners = None if bounds is None else (bounds[:3], bounds[3:])
     with refusals():
-        chosen = ws.orientations(orientations, kind, seed=seed, rolls=rolls)
+        chosen = ws.orientations(orientations, kind, seed=seed, rolls=rolls, axis=axis)
         spec = ws.MapSpec.of(robot, voxel, corners, chosen, dexterous, length, None, full)
         if dry_run:
             with busy("measuring a few tiles"):

@@ -81,7 +81,8 @@ def capability_map(
         ImportError: the extra `workspace` is not installed.
     """
     spec = MapSpec.of(robot, voxel, bounds, orientations, dexterous, length, method, full)
-    return _fill(MapStore.create(_path(store), spec), spec, share, progress)
+    part = _part(share)
+    return _fill(MapStore.create(_path(store), spec), spec, part, progress, wait=share is None)
 
 
 def resume(
@@ -91,10 +92,10 @@ def resume(
 
     Arguments, result and errors as `capability_map`; all else is read from the store.
     """
-    found = MapStore.open(Path(store))
+    part, found = _part(share), MapStore.open(Path(store))
     spec = found.spec()
     found.refuse_other(spec)
-    return _fill(found, spec, share, progress)
+    return _fill(found, spec, part, progress, wait=share is None)
 
 
 def open_map(
@@ -188,12 +189,18 @@ def _middle(chunk: Chunk, voxels: int) -> Chunk:
     return chunk._replace(place=(slice(at, at + 1), slice(first, first + rows), z))
 
 
-def _fill(
-    store: MapStore, spec: MapSpec, share: Share | None, progress: Progress | None
-) -> xr.Dataset:
+def _part(share: Share | None) -> Share:
+    """The share that was asked for, or that of this process."""
     index, count = share or (jax.process_index(), jax.process_count())
     if not 0 <= index < count:
         raise ValueError(f"share: expected (index, count) with 0 <= index < count, got {share}")
+    return index, count
+
+
+def _fill(
+    store: MapStore, spec: MapSpec, share: Share, progress: Progress | None, *, wait: bool
+) -> xr.Dataset:
+    index, count = share
     with store.locked(index):
         mine = spec.share(index, count)
         for chunk in store.damaged(mine):
@@ -217,7 +224,7 @@ def _fill(
             advance(0)
             for chunk, arrays in compute(TileProgram(spec), left, advance):
                 store.write(chunk, arrays)
-    if share is None and count > 1:
+    if wait and count > 1:
         await_others(store.missing)
     return store.dataset()
 

@@ -53,7 +53,9 @@ def robot_from(text: str) -> Robot:
             name=document["name"],
         )
     except (KeyError, TypeError, json.JSONDecodeError) as error:
-        raise ValueError(f"expected the JSON document of a robot, got {text[:80]!r}") from error
+        raise ValueError(
+            f"expected the JSON document of a robot, got {str(text)[:80]!r}"
+        ) from error
 
 
 def robot_of(map: xr.Dataset) -> Robot:

@@ -13,6 +13,9 @@ from niryo_jax.workspace.variables import VOXELS
 _ROUNDING = 1e-9
 """Share of a voxel by which a bound may lie outside of a whole voxel without adding one."""
 
+_MOST = 1e12
+"""More voxels than any store holds."""
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -88,8 +91,12 @@ class Grid:
         """
         check_voxel(voxel)
         low, high = check_box(lower, upper)
-        first = np.floor(low / voxel + _ROUNDING)
-        last = np.maximum(np.ceil(high / voxel - _ROUNDING), first + 1)
+        with np.errstate(over="ignore", invalid="ignore"):
+            first = np.floor(low / voxel + _ROUNDING)
+            last = np.maximum(np.ceil(high / voxel - _ROUNDING), first + 1)
+            size = np.prod(last - first)
+        if not size < _MOST:
+            raise ValueError(f"voxel: {voxel} m is too small for a box of {high - low} m")
         x, y, z = (int(index) for index in first)
         nx, ny, nz = (int(count) for count in last - first)
         return cls(float(voxel), (x, y, z), (nx, ny, nz))

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 _POSES_AT_ONCE = 32_768
 """So many poses are solved in one call, or hardly less: one program, and memory stays flat."""
 
+_MOST_PLACES = 1e8
 _ROUNDING = 1e-9
 """Share of a step by which a region may be too short for a place on its edge."""
 
@@ -271,7 +272,10 @@ def _region(
 
 def _places(region: np.ndarray, step: float) -> np.ndarray:
     """(n, 2) a grid in the middle of a region, so that it turns and moves along with it."""
-    count = np.floor((region[1] - region[0]) / step + _ROUNDING).astype(np.int64) + 1
+    count = np.floor((region[1] - region[0]) / step + _ROUNDING) + 1
+    if np.prod(count) > _MOST_PLACES:
+        raise ValueError(f"step: {step} m gives {np.prod(count):.1e} places; expected a longer one")
+    count = count.astype(np.int64)
     x, y = (
         middle + (np.arange(n) - (n - 1) / 2) * step
         for middle, n in zip(region.mean(axis=0), count)

@@ -35,7 +35,7 @@ def progress_bar(what: str, unit: str) -> Generator[Progress]:
             return need("rich.text").Text(said, style="progress.data.speed")
 
     columns = (
-        progress.TextColumn("{task.description}"),
+        progress.TextColumn("{task.description}", markup=False),
         progress.BarColumn(),
         progress.TaskProgressColumn(),
         Rate(),

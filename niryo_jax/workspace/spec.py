@@ -207,6 +207,8 @@ class MapSpec:
             )
         except KeyError as error:
             raise ValueError(f"map: expected the attribute {error} of a capability map") from None
+        except (TypeError, AttributeError) as error:
+            raise ValueError(f"map: its attributes are damaged: {error}") from None
 
 
 def _version() -> str:

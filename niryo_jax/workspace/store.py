@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+_KEPT = " The chunks that are done are kept; the map can be resumed."
+
+
 class StoreError(Exception):
     """A map's store cannot be used or written; what is stored of it is kept."""
 
@@ -57,7 +60,7 @@ class MapStore:
             lay_out(zarr, store, spec)
             return cls(None, zarr.open_group(store, mode="r+"))
         if not where.exists():
-            with _refusing(where, "make the store"):
+            with _refusing(where, "make the store", ""):
                 _make(zarr, where, spec)
         found = cls.open(where)
         found.refuse_other(spec)
@@ -101,9 +104,15 @@ class MapStore:
             StoreError: the attributes do not say.
         """
         try:
-            return MapSpec.from_attributes(self._group.attrs, self._group[QUATERNIONS][:])
+            spec = MapSpec.from_attributes(self._group.attrs, self._group[QUATERNIONS][:])
         except ValueError as error:
             raise StoreError(f"{self.name}: {error}") from error
+        chunks = self._group[CHECKSUM].shape
+        if chunks != (spec.chunk_count,):
+            raise StoreError(
+                f"{self.name}: it is damaged: {spec.chunk_count} chunks by its attributes, {chunks}"
+            )
+        return spec
 
     def refuse_other(self, spec: MapSpec) -> None:
         """Refuse a map that is not this one to the last bit.
@@ -226,15 +235,12 @@ def _short(value: Any) -> str:
 
 
 @contextmanager
-def _refusing(where: Path | str, what: str) -> Generator[None]:
-    """Errors of the file system as a sentence."""
+def _refusing(where: Path | str, what: str, rest: str = _KEPT) -> Generator[None]:
+    """Errors of the file system as a sentence, and another one."""
     try:
         yield
     except OSError as error:
-        raise StoreError(
-            f"{where}: cannot {what}: {error.strerror or error}. The chunks that are done are "
-            "kept; the map can be resumed."
-        ) from error
+        raise StoreError(f"{where}: cannot {what}: {error.strerror or error}.{rest}") from error
 
 
 def _make(zarr: Any, where: Path, spec: MapSpec) -> None:

@@ -95,11 +95,12 @@ class TileProgram:
         centres = jax.device_put(tile.centres.astype(self._dtype), self._rows)
         live = jax.device_put(tile.live, self._rows)
         found = jax.device_get(self._program(self._rotations, centres, live))
-        dims = {name: variable.dims for name, variable in self._spec.variables.items()}
-        return {
-            name: array[: tile.live.sum()] if dims[name][: len(VOXELS)] == VOXELS else array
-            for name, array in found.items()
-        }
+        out, asked = Arrays(), int(tile.live.sum())
+        for name, variable in self._spec.variables.items():
+            # Types are those of the store, which JAX has only with x64.
+            array = found[name].astype(variable.dtype)
+            out[name] = array[:asked] if variable.dims[: len(VOXELS)] == VOXELS else array
+        return out
 
 
 def compute(
@@ -196,4 +197,4 @@ def _tile(
     # Counting comparisons vectorises, where scattering into bins does not.
     bins = [jnp.sum((poses.solutions == k) & asked) for k in range(SLOTS + 1)]
     out["solution_histogram"] = jnp.stack(bins)[None]
-    return {name: out[name].astype(variable.dtype) for name, variable in spec.variables.items()}
+    return {name: out[name] for name in spec.variables}
