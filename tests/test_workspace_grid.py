@@ -344,5 +344,5 @@ def test_a_workspace_without_end_is_refused(rng):
 
 @pytest.mark.parametrize("voxel", [1e-9, 1e-320])
 def test_more_voxels_than_any_store_holds_are_refused(voxel):
-    with pytest.raises(ValueError, match="voxel: .* too small"):
+    with pytest.raises(ValueError, match=r"voxel: .* too small"):
         Grid.covering(np.zeros(3), np.ones(3), voxel)

@@ -270,6 +270,7 @@ def sheared():
         ({"region": ((0, 0), (1, np.nan))}, "region: expected .* finite"),
         ({"region": (0, 1)}, "region: expected"),
         ({"step": 0.0}, "step: expected a positive length in metres, got 0.0"),
+        ({"step": 1e-9}, "step: .* gives"),
         ({"step": np.nan}, "step: expected"),
         ({"headings": 0}, "headings: expected at least 1, got 0"),
         ({"most": 0}, "most: expected at least 1, got 0"),

@@ -309,7 +309,7 @@ class TestStore:
             change, document["attributes"] = {}, {}
         document["attributes"].update(change)
         (copy / "zarr.json").write_text(json.dumps(document))
-        with pytest.raises(ws.StoreError, match="copy.zarr"):
+        with pytest.raises(ws.StoreError, match=r"copy\.zarr"):
             ws.open_map(copy)
 
     def test_a_share_that_is_none_leaves_nothing_behind(self, tmp_path):
