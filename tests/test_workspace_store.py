@@ -62,7 +62,7 @@ MAKE = """
     import niryo_jax as nj
     from niryo_jax import workspace as ws
     from niryo_jax.workspace import processes
-    processes._PATIENCE = 5.0
+    processes._PATIENCE = float(sys.argv[5])
     company = contextlib.nullcontext()
     if address != "alone":
         company = ws.one_of_many(address, 2, index, heartbeat_timeout_seconds=10)
@@ -96,13 +96,13 @@ def run_script(script, *arguments, **options):
 def start(cache):
     """Start a process that makes the map of a SCARA: (store, devices, address, index)."""
 
-    def start(store, devices=1, address="alone", index=0):
+    def start(store, devices=1, address="alone", index=0, patience=300):
         return subprocess.Popen(
             [
                 sys.executable,
                 "-c",
                 textwrap.dedent(MAKE),
-                *map(str, (store, devices, address, index)),
+                *map(str, (store, devices, address, index, patience)),
             ],
             env={**os.environ, "JAX_PLATFORMS": "cpu", "JAX_COMPILATION_CACHE_DIR": cache},
             stdout=subprocess.PIPE,
@@ -168,16 +168,16 @@ def test_eight_devices_make_the_same_bytes(start, uninterrupted, tmp_path):
 def test_two_processes_make_the_same_bytes_also_when_one_is_lost(start, uninterrupted, tmp_path):
     store = tmp_path / "map.zarr"
 
-    def both():
+    def both(patience):
         address = f"127.0.0.1:{free_port()}"
-        return [start(store, address=address, index=index) for index in range(2)]
+        return [start(store, address=address, index=index, patience=patience) for index in range(2)]
 
-    first, second = both()
+    first, second = both(5)
     kill_when_some_is_done(second, store, 2, 0.0)
     # The other one brings its own share all the same.
     finish(first)
     assert 0 < np.sum(~MapStore.open(store).done()) <= 10
-    for process in both():
+    for process in both(300):
         finish(process)
     found = contents(store)
     assert {name: found[name] for name in uninterrupted} == uninterrupted

@@ -9,9 +9,9 @@ from typing import Any
 
 import jax
 
-_PATIENCE = 120.0
+_PATIENCE = 600.0
 """Seconds without a new chunk after which other processes are given up: longer than it takes to
-compile and to compute a chunk."""
+compile, on a busy machine too, and to compute a chunk."""
 
 _FAREWELL = 3.0
 """Seconds that the process which holds all together stays when its work is done."""
