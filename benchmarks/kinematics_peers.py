@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import niryo_jax as nj
-from benchmarks.measure import version_of
+from benchmarks.measure import installed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -292,15 +291,4 @@ PACKAGES: dict[str, tuple[str, Callable[[nj.Robot], list[Peer]]]] = {
 
 def peers(robot: nj.Robot, skip: list[str]) -> tuple[list[Peer], dict[str, str]]:
     """The peers that are installed, and for the others why they take no part."""
-    found: list[Peer] = []
-    absent: dict[str, str] = {}
-    for name, (package, build) in PACKAGES.items():
-        if name in skip:
-            absent[name] = "skipped"
-        elif version_of(package) is None:
-            absent[name] = f"not installed (pip install {package})"
-        else:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                found += build(robot)
-    return found, absent
+    return installed(PACKAGES, robot, skip)

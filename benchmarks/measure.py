@@ -19,7 +19,8 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +126,28 @@ def version_of(package: str) -> str | None:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
         return None
+
+
+def installed(
+    packages: Mapping[str, tuple[str, Callable[..., list[Any]]]], robot: Any, skip: Sequence[str]
+) -> tuple[list[Any], dict[str, str]]:
+    """The adapters of the peers that are installed, and for the others why they take no part.
+
+    `packages` names for each library the package that pip takes, and what builds its adapters for
+    a robot.
+    """
+    found: list[Any] = []
+    absent: dict[str, str] = {}
+    for name, (package, build) in packages.items():
+        if name in skip:
+            absent[name] = "skipped"
+        elif version_of(package) is None:
+            absent[name] = f"not installed (pip install {package})"
+        else:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                found += build(robot)
+    return found, absent
 
 
 def _processor() -> str:

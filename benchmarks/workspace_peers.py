@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import time
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -29,7 +28,7 @@ import numpy as np
 
 import niryo_jax as nj
 from benchmarks.kinematics_peers import elementary_transforms, urdf
-from benchmarks.measure import about, header, table, version_of
+from benchmarks.measure import about, header, installed, table
 from niryo_jax.workspace.grid import Grid
 from niryo_jax.workspace.orientations import orientations
 
@@ -177,18 +176,7 @@ PACKAGES: dict[str, tuple[str, Callable[[nj.Robot], Iterator[Peer]]]] = {
 
 def peers(robot: nj.Robot, skip: Sequence[str] = ()) -> tuple[list[Peer], dict[str, str]]:
     """The peers that are installed, and for the others why they take no part."""
-    found: list[Peer] = []
-    absent: dict[str, str] = {}
-    for name, (package, build) in PACKAGES.items():
-        if name in skip:
-            absent[name] = "skipped"
-        elif version_of(package) is None:
-            absent[name] = f"not installed (pip install {package})"
-        else:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                found += build(robot)
-    return found, absent
+    return installed(PACKAGES, robot, skip)
 
 
 def ours(robot: nj.Robot) -> Peer:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import hypothesis
 import jax
@@ -42,6 +44,30 @@ def rng() -> np.random.Generator:
 def niryo() -> nj.Robot:
     """The Niryo One."""
     return nj.robots.niryo_one()
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Run a command; its exit code, its stdout and its stderr."""
+    run = pytest.importorskip("niryo_jax.cli.app").run
+
+    def command(*arguments: object) -> tuple[int, str, str]:
+        code = run([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return command
+
+
+@pytest.fixture
+def as_json(cli: Callable[..., tuple[int, str, str]]) -> Callable[..., tuple[int, dict[str, Any]]]:
+    """Run a command with --json; its exit code and the one document on stdout."""
+
+    def command(*arguments: object) -> tuple[int, dict[str, Any]]:
+        code, out, _ = cli(*arguments, "--json")
+        return code, json.loads(out, parse_constant=pytest.fail)
+
+    return command
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 import re
 import sys
 
@@ -14,34 +13,10 @@ pytest.importorskip("typer")
 pytest.importorskip("rich")
 
 import niryo_jax as nj
-from niryo_jax.cli.app import run
 
 needs_yourdfpy = pytest.mark.skipif(
     importlib.util.find_spec("yourdfpy") is None, reason="yourdfpy is not installed"
 )
-
-
-@pytest.fixture
-def cli(capsys):
-    """Run a command; its exit code, its stdout and its stderr."""
-
-    def command(*arguments: object) -> tuple[int, str, str]:
-        code = run([str(argument) for argument in arguments])
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return command
-
-
-@pytest.fixture
-def as_json(cli):
-    """Run a command with --json; its exit code and the one document on stdout."""
-
-    def command(*arguments: object) -> tuple[int, dict]:
-        code, out, _ = cli(*arguments, "--json")
-        return code, json.loads(out)
-
-    return command
 
 
 # --- robots

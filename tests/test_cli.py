@@ -17,7 +17,6 @@ pytest.importorskip("typer")
 pytest.importorskip("rich")
 
 import niryo_jax as nj
-from niryo_jax.cli.app import run
 from niryo_jax.hardware import Fault, FaultKind, SimulatedNiryo
 from niryo_jax.hardware.pick_and_place import OBJECT_END
 
@@ -26,29 +25,6 @@ needs_pyniryo = pytest.mark.skipif(
 )
 PICK = ["0.148", "-0.148", "0.088", "--rpy", "0", "90", "0"]
 UNREACHABLE = ["--matrix", "1 0 0 5; 0 1 0 0; 0 0 1 0"]
-
-
-@pytest.fixture
-def cli(capsys):
-    """Run a command; its exit code, its stdout and its stderr."""
-
-    def command(*arguments: str) -> tuple[int, str, str]:
-        code = run(arguments)
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return command
-
-
-@pytest.fixture
-def as_json(cli):
-    """Run a command with --json; its exit code and the one document on stdout."""
-
-    def command(*arguments: str) -> tuple[int, dict]:
-        code, out, _ = cli(*arguments, "--json")
-        return code, json.loads(out)
-
-    return command
 
 
 def start(*arguments: str, **options) -> subprocess.Popen:

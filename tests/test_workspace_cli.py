@@ -58,26 +58,9 @@ def unfinished(copy):
 
 
 @pytest.fixture
-def cli(capsys):
-    """Run a command; its exit code, its stdout and its stderr."""
-
-    def command(*arguments: object) -> tuple[int, str, str]:
-        code = run(["workspace", *map(str, arguments)])
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return command
-
-
-@pytest.fixture
-def as_json(cli):
-    """Run a command with --json; its exit code and the one document on stdout."""
-
-    def command(*arguments: object) -> tuple[int, dict]:
-        code, out, _ = cli(*arguments, "--json")
-        return code, json.loads(out, parse_constant=pytest.fail)
-
-    return command
+def cli(cli):
+    """Run a command of `niryo-jax workspace`."""
+    return lambda *arguments: cli("workspace", *arguments)
 
 
 @pytest.fixture

@@ -13,7 +13,6 @@ import jax
 import numpy as np
 
 from niryo_jax.ik import Method
-from niryo_jax.ik.solutions import SLOTS
 from niryo_jax.robot import Robot
 from niryo_jax.workspace.orientations import Orientations
 from niryo_jax.workspace.processes import await_others
@@ -21,7 +20,6 @@ from niryo_jax.workspace.progress import Progress
 from niryo_jax.workspace.spec import Bounds, Chunk, MapSpec
 from niryo_jax.workspace.store import MapStore, StoreError
 from niryo_jax.workspace.tiles import TileProgram, compute
-from niryo_jax.workspace.variables import VOXELS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -151,11 +149,7 @@ def estimate(spec: MapSpec) -> Estimate:
     Args:
         spec: `MapSpec.of` the arguments of `capability_map`.
     """
-    return _estimate(spec, TileProgram(spec))
-
-
-def _estimate(spec: MapSpec, program: TileProgram) -> Estimate:
-    chunks = list(spec.chunks())
+    program, chunks = TileProgram(spec), list(spec.chunks())
     some = chunks[:: max(1, len(chunks) // _TRIED)]
     started = time.perf_counter()
     program(next(program.tiles(some[0])))
@@ -164,10 +158,8 @@ def _estimate(spec: MapSpec, program: TileProgram) -> Estimate:
     for _ in compute(program, (_middle(chunk, program.voxels) for chunk in some), tried.append):
         pass
     each = (time.perf_counter() - compiled) / sum(tried)
-    sizes = {"chunk": len(chunks), "orientation": len(spec.quaternions), "solutions": SLOTS + 1}
-    sizes |= dict(zip(VOXELS, spec.grid.shape))
     stored = sum(
-        math.prod(sizes[dim] for dim in one.dims) * np.dtype(one.dtype).itemsize
+        math.prod(spec.sizes[dim] for dim in one.dims) * np.dtype(one.dtype).itemsize
         for one in spec.variables.values()
     )
     return Estimate(

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from niryo_jax.ik.solutions import SLOTS
 from niryo_jax.workspace.spec import MapSpec
 from niryo_jax.workspace.variables import VOXELS
 
@@ -18,9 +17,7 @@ NOT_DONE = 0
 def lay_out(zarr: Any, store: Any, spec: MapSpec) -> None:
     """An empty map: its axes, the orientations, and room for every variable."""
     group = zarr.create_group(store, attributes=spec.attributes())
-    voxels, orientations = dict(zip(VOXELS, spec.grid.shape)), len(spec.quaternions)
-    sizes = {**voxels, "chunk": spec.chunk_count, "orientation": orientations}
-    sizes |= {"solutions": SLOTS + 1, "quaternion": 4}
+    sizes = {**spec.sizes, "quaternion": 4}
     pieces = {**sizes, **dict.fromkeys(VOXELS, spec.chunk_edge), "chunk": 1}
 
     def room(
@@ -45,8 +42,8 @@ def lay_out(zarr: Any, store: Any, spec: MapSpec) -> None:
     def whole(name: str, dims: tuple[str, ...], values: np.ndarray, **about: str) -> None:
         room(name, dims, sizes, np.float64, np.nan, **about)[:] = values
 
-    for axis, centres in zip(VOXELS, spec.grid.centres):
-        whole(axis, (axis,), centres, long_name=f"{axis} of the voxels' centres", units="m")
+    for axis, (_, centres, about) in spec.grid.coordinates.items():
+        whole(axis, (axis,), centres, **about)
     whole(
         QUATERNIONS,
         ("orientation", "quaternion"),

@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from niryo_jax.ik import Method, method_for
+from niryo_jax.ik.solutions import SLOTS
 from niryo_jax.robot import Robot
 from niryo_jax.workspace.description import robot_from, robot_text
 from niryo_jax.workspace.extent import box
 from niryo_jax.workspace.grid import Grid
 from niryo_jax.workspace.measures import check_length, check_robot
 from niryo_jax.workspace.orientations import Orientations, orientations, rotations_of
-from niryo_jax.workspace.variables import Variable, variables
+from niryo_jax.workspace.variables import VOXELS, Variable, variables
 
 Bounds = tuple[ArrayLike, ArrayLike]
 """Lower and upper corner (3,) of a box, metres."""
@@ -116,6 +117,16 @@ class MapSpec:
     def variables(self) -> dict[str, Variable]:
         """What is stored."""
         return variables(self.full)
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """The length of each axis of the variables."""
+        return {
+            **dict(zip(VOXELS, self.grid.shape)),
+            "chunk": self.chunk_count,
+            "orientation": len(self.quaternions),
+            "solutions": SLOTS + 1,
+        }
 
     @property
     def chunk_edge(self) -> int:

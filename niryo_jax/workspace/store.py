@@ -22,7 +22,7 @@ import numpy as np
 from niryo_jax.workspace.extras import need
 from niryo_jax.workspace.layout import CHECKSUM, NOT_DONE, QUATERNIONS, lay_out
 from niryo_jax.workspace.spec import Chunk, MapSpec
-from niryo_jax.workspace.variables import VARIABLES, VOXELS
+from niryo_jax.workspace.variables import VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -162,8 +162,13 @@ class MapStore:
         ]
 
     def forget(self, chunk: Chunk) -> None:
-        """Note that a chunk is not done."""
-        self._group[CHECKSUM][chunk.number] = NOT_DONE
+        """Note that a chunk is not done.
+
+        Raises:
+            StoreError: nothing can be written.
+        """
+        with _refusing(self.name, f"mark chunk {chunk.number}"):
+            self._group[CHECKSUM][chunk.number] = NOT_DONE
 
     def dataset(self) -> xr.Dataset:
         """The map; what lies on a disk is read when it is looked at."""
@@ -207,9 +212,9 @@ class MapStore:
 
 def _place(name: str, chunk: Chunk) -> tuple[slice, ...]:
     """Where a chunk lies in a variable."""
-    if VARIABLES[name].dims[: len(VOXELS)] == VOXELS:
-        return chunk.place
-    return (slice(chunk.number, chunk.number + 1),)
+    if VARIABLES[name].of_chunks:
+        return (slice(chunk.number, chunk.number + 1),)
+    return chunk.place
 
 
 def _checksum(arrays: Mapping[str, np.ndarray]) -> int:

@@ -19,9 +19,10 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from niryo_jax.ik.parallel import cores
 from niryo_jax.ik.solutions import SLOTS
+from niryo_jax.lie import se3
 from niryo_jax.workspace.measures import PoseMeasures, measure
 from niryo_jax.workspace.spec import Chunk, MapSpec
-from niryo_jax.workspace.variables import MEASURES, VOXELS
+from niryo_jax.workspace.variables import MEASURES, VARIABLES
 
 Arrays = dict[str, np.ndarray]
 
@@ -99,7 +100,7 @@ class TileProgram:
         for name, variable in self._spec.variables.items():
             # Types are those of the store, which JAX has only with x64.
             array = found[name].astype(variable.dtype)
-            out[name] = array[:asked] if variable.dims[: len(VOXELS)] == VOXELS else array
+            out[name] = array if variable.of_chunks else array[:asked]
         return out
 
 
@@ -147,7 +148,7 @@ def _joined(chunk: Chunk, parts: list[Arrays]) -> Arrays:
     out = Arrays()
     for name in parts[0]:
         rows = np.concatenate([part[name] for part in parts])
-        if name in ("orientation_reached", "solution_histogram"):
+        if VARIABLES[name].of_chunks:
             out[name] = rows.sum(axis=0, keepdims=True, dtype=rows.dtype)
         else:
             out[name] = rows.reshape(*chunk.shape, *rows.shape[1:])
@@ -159,10 +160,7 @@ def _tile(
 ) -> dict[str, jax.Array]:
     """The variables of a map for voxels (v, 3), those of chunks summed into one row (1, ...)."""
     voxels, count = len(centres), len(rotations)
-    turned = jnp.broadcast_to(rotations, (voxels, count, 3, 3))
-    place = jnp.broadcast_to(centres[:, None, :, None], (voxels, count, 3, 1))
-    last = jnp.broadcast_to(jnp.array([0.0, 0.0, 0.0, 1.0], centres.dtype), (voxels, count, 1, 4))
-    pose = jnp.concatenate([jnp.concatenate([turned, place], axis=-1), last], axis=-2)
+    pose = se3.from_rotation_and_position(rotations, centres[:, None])
     flat = measure(spec.robot, pose.reshape(-1, 4, 4), method=spec.method, length=spec.length)
     poses = PoseMeasures(*(x.reshape(voxels, count) for x in flat))
     reached = poses.solutions > 0
@@ -183,8 +181,9 @@ def _tile(
     }
     for name in MEASURES:
         values = getattr(poses, name)
-        best = -jnp.max(jnp.where(reached, -values, -jnp.inf), axis=1)
-        if name != "position_noise":
+        if name == "position_noise":
+            best = jnp.min(jnp.where(reached, values, jnp.inf), axis=1)
+        else:
             best = jnp.max(jnp.where(reached, values, -jnp.inf), axis=1)
         mean = jnp.sum(jnp.where(reached, values, 0.0), axis=1) / jnp.maximum(number, 1)
         out[f"{name}_best"] = jnp.where(some, best, jnp.nan)

@@ -19,6 +19,11 @@ class Variable(NamedTuple):
     units: str
 
     @property
+    def of_chunks(self) -> bool:
+        """Whether it has one row for each chunk, rather than values for each voxel."""
+        return self.dims[0] == "chunk"
+
+    @property
     def fill(self) -> float:
         """What stands where nothing was computed."""
         return float("nan") if issubclass(self.dtype, np.floating) else 0
