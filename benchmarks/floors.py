@@ -30,14 +30,14 @@ import niryo_jax as nj
 from benchmarks.measure import Report, Timed, about, alternate, header, table
 from niryo_jax import lanes
 from niryo_jax.chain import tool_motion
-from niryo_jax.geometry import Geometry, _pattern_of
-from niryo_jax.ik.complete import _sweep_block
-from niryo_jax.ik.error import error_twist
-from niryo_jax.ik.scheme import Goal, scheme_of
+from niryo_jax.ik.complete.algorithms import Goal, algorithm_for
+from niryo_jax.ik.complete.driver import _first_pass
+from niryo_jax.ik.newton.pose_error import error_twist
 from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes import Lane, Lanes, unpack
 from niryo_jax.lie import se3
-from niryo_jax.offset_wrist import concrete_numbers
+from niryo_jax.specialise import Geometry, _pattern_of
+from niryo_jax.structure.offset_wrist import concrete_numbers
 
 DTYPES = ("float64", "float32")
 
@@ -226,9 +226,9 @@ def complete(robot: nj.Robot, batch: int) -> Floor:
     limits = jnp.asarray(robot.lower), jnp.asarray(robot.upper)
 
     def block(target: jax.Array) -> Any:
-        scheme = scheme_of(known, _geometry(), jnp.asarray(free))
+        algorithm = algorithm_for(known, _geometry(), jnp.asarray(free))
         goal = Goal(target, jnp.zeros((len(target), 0)))
-        return _sweep_block(scheme, goal, jnp.ones(len(target), bool), limits)
+        return _first_pass(algorithm, goal, jnp.ones(len(target), bool), limits)
 
     shape = jax.ShapeDtypeStruct((256, 4, 4), "float64")
     count = jax.jit(block).lower(shape).cost_analysis()["flops"] / 256

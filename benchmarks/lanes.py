@@ -52,7 +52,7 @@ def operations() -> dict[str, Operation]:
         ),
         "atan2": (ours(lanes.atan2), jnp.arctan2, 2),
         "acos": (ours(lambda a: lanes.acos(a * 0.25)), lambda a: jnp.arccos(a * 0.25), 1),
-        "store": (ours(lanes.store), lambda a: a, 1),
+        "materialise": (ours(lanes.materialise), lambda a: a, 1),
     }
 
 

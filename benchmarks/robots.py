@@ -30,7 +30,7 @@ import niryo_jax as nj
 from benchmarks import reference
 from benchmarks.measure import Claim, Report, Timed, about, alternate, header, table, version_of
 from niryo_jax import families
-from niryo_jax.ik.multistart import solve_multistart
+from niryo_jax.ik.methods.multistart import solve_multistart
 
 ARMS = {
     "abb_irb120": None,

@@ -12,11 +12,11 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax import lanes
-from niryo_jax.geometry import Geometry, on_robot
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import as_floating, on_joints
 from niryo_jax.lie import se3, so3
 from niryo_jax.robot import Robot
+from niryo_jax.specialise import Geometry, specialised
 
 
 def forward_kinematics(robot: Robot, q: ArrayLike, *, batch_last: bool = False) -> jax.Array:
@@ -36,7 +36,7 @@ def forward_kinematics(robot: Robot, q: ArrayLike, *, batch_last: bool = False) 
     return _forward_kinematics(robot, q, batch_last=batch_last)
 
 
-@on_robot
+@specialised
 def _forward_kinematics(geometry: Geometry, q: ArrayLike, batch_last: bool) -> jax.Array:
     return on_joints(
         lambda q: se3.assemble(*tool_motion(geometry, q)),
@@ -67,7 +67,7 @@ def link_poses(robot: Robot, q: ArrayLike, homes: ArrayLike | None = None) -> ja
     return _link_poses(robot, q, homes)
 
 
-@on_robot
+@specialised
 def _link_poses(geometry: Geometry, q: ArrayLike, homes: ArrayLike) -> jax.Array:
     def poses(q: Lanes, homes: Lanes) -> Lanes:
         motions = link_motions(geometry, q)
@@ -83,10 +83,12 @@ Motion = tuple[Lanes, Lanes]
 """A rigid motion as rotation (3, 3) and position (3,) lanes."""
 
 
-def joint_motion(geometry: Geometry, joint: int, angle: Lane, *, stored: bool = False) -> Motion:
+def joint_motion(
+    geometry: Geometry, joint: int, angle: Lane, *, materialise: bool = False
+) -> Motion:
     """exp([S_i] q_i), by the cheapest formula that what is known of the joint allows.
 
-    `stored` keeps sine and cosine in memory, for programs in which many loops need them.
+    `materialise` keeps sine and cosine in memory, for programs in which many loops need them.
     """
     screw, kind = geometry.screws[joint], geometry.kinds[joint]
     w, v = screw[:3], screw[3:]
@@ -95,8 +97,8 @@ def joint_motion(geometry: Geometry, joint: int, angle: Lane, *, stored: bool = 
     if kind == "prismatic":
         return lanes.identity(3), v * angle
     sin, cos = lanes.sincos(angle)
-    if stored:
-        sin, cos = lanes.store(sin), lanes.store(cos)
+    if materialise:
+        sin, cos = lanes.materialise(sin), lanes.materialise(cos)
     position = sin * v + (1.0 - cos) * lanes.cross(w, v)
     if kind == "helical":
         position = position + ((angle - sin) * (w @ v)) * w
@@ -108,18 +110,18 @@ def compose(a: Motion, b: Motion) -> Motion:
     return a[0] @ b[0], a[0] @ b[1] + a[1]
 
 
-def link_motions(geometry: Geometry, q: Lanes, *, stored: bool = False) -> list[Motion]:
+def link_motions(geometry: Geometry, q: Lanes, *, materialise: bool = False) -> list[Motion]:
     """exp([S1] q1) ... exp([Si] qi) for i = 1..n: how each link has moved from its home place.
 
-    `stored` keeps each motion in memory (`lanes.store`), for programs with many results.
+    `materialise` keeps each motion in memory (`lanes.materialise`), for programs with many results.
     """
     motions: list[Motion] = []
     for joint, angle in enumerate(q):
-        motion = joint_motion(geometry, joint, angle, stored=stored)
+        motion = joint_motion(geometry, joint, angle, materialise=materialise)
         if motions:
             motion = compose(motions[-1], motion)
-        if stored:
-            rotation, position = (lanes.stored(part) for part in motion)
+        if materialise:
+            rotation, position = (lanes.materialised(part) for part in motion)
             motion = rotation, position
         motions.append(motion)
     return motions

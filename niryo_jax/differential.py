@@ -22,11 +22,12 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax import lanes
-from niryo_jax.geometry import Geometry, on_robot
+from niryo_jax._jax import is_concrete
 from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes import Lanes
 from niryo_jax.lanes.batching import Edge, as_floating, check_shape, on_joints, on_lanes
-from niryo_jax.robot import Robot, is_concrete
+from niryo_jax.robot import Robot
+from niryo_jax.specialise import Geometry, specialised
 from niryo_jax.tolerances import DEPENDENT_ROW
 
 VelocityFrame = Literal["space", "body", "tool_point"]
@@ -53,12 +54,12 @@ def tool_velocity(
     return _tool_velocity(robot, q, as_floating("rates", rates), frame=frame)
 
 
-@on_robot
+@specialised
 def _tool_velocity(
     geometry: Geometry, q: ArrayLike, rates: ArrayLike, frame: VelocityFrame
 ) -> jax.Array:
     def velocity(q: Lanes, rates: Lanes) -> Lanes:
-        return _jacobian(geometry, q, frame, stored=False) @ rates
+        return _jacobian(geometry, q, frame, materialise=False) @ rates
 
     n = geometry.joints
     return on_joints(velocity, q, n, ("rates", rates, (n,)))
@@ -111,7 +112,7 @@ def joint_rates(
     return _joint_rates(robot, *arrays, frame=frame, damped=damped)
 
 
-@on_robot
+@specialised
 def _joint_rates(
     geometry: Geometry,
     q: jax.Array,
@@ -121,7 +122,9 @@ def _joint_rates(
     damped: bool,
 ) -> jax.Array:
     n = geometry.joints
-    jacobian = on_joints(lambda q: lanes.stored(_jacobian(geometry, q, frame, stored=True)), q, n)
+    jacobian = on_joints(
+        lambda q: lanes.materialised(_jacobian(geometry, q, frame, materialise=True)), q, n
+    )
     solve = _tall if n < 6 else _wide
     return solve(damped, jacobian, velocity, damping)
 
@@ -196,11 +199,11 @@ def _times(matrix: jax.Array, vector: jax.Array) -> jax.Array:
     return jnp.sum(matrix * vector[..., None, :], axis=-1)
 
 
-def _jacobian(geometry: Geometry, q: Lanes, frame: VelocityFrame, *, stored: bool) -> Lanes:
-    """The (6, n) Jacobian of the velocity in a frame; `stored` as in `pose_and_jacobian`."""
+def _jacobian(geometry: Geometry, q: Lanes, frame: VelocityFrame, *, materialise: bool) -> Lanes:
+    """The (6, n) Jacobian of the velocity in a frame; `materialise` as in `pose_and_jacobian`."""
     if frame != "tool_point":
-        return pose_and_jacobian(geometry, q, frame, stored=stored)[1]
-    (_, position), jacobian = pose_and_jacobian(geometry, q, "space", stored=stored)
+        return pose_and_jacobian(geometry, q, frame, materialise=materialise)[1]
+    (_, position), jacobian = pose_and_jacobian(geometry, q, "space", materialise=materialise)
     # The velocity of the point at p is v + omega x p.
     return np.stack(
         [np.concatenate([c[:3], c[3:] + lanes.cross(c[:3], position)]) for c in jacobian.T], axis=1

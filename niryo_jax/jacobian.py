@@ -15,11 +15,11 @@ from jax.typing import ArrayLike
 
 from niryo_jax import lanes
 from niryo_jax.chain import Motion, compose, link_motions, tool_motion
-from niryo_jax.geometry import Geometry, on_robot
 from niryo_jax.lanes import Lanes
 from niryo_jax.lanes.batching import on_joints, on_lanes
 from niryo_jax.lie import se3
 from niryo_jax.robot import Robot
+from niryo_jax.specialise import Geometry, specialised
 from niryo_jax.tolerances import DEPENDENT_ROW
 
 Part = Literal["all", "angular", "linear"]
@@ -42,7 +42,7 @@ def space_jacobian(robot: Robot, q: ArrayLike, *, batch_last: bool = False) -> j
     return _space_jacobian(robot, q, batch_last=batch_last)
 
 
-@on_robot
+@specialised
 def _space_jacobian(geometry: Geometry, q: ArrayLike, batch_last: bool) -> jax.Array:
     return on_joints(
         lambda q: pose_and_jacobian(geometry, q, "space")[1],
@@ -69,7 +69,7 @@ def body_jacobian(robot: Robot, q: ArrayLike, *, batch_last: bool = False) -> ja
     return _body_jacobian(robot, q, batch_last=batch_last)
 
 
-@on_robot
+@specialised
 def _body_jacobian(geometry: Geometry, q: ArrayLike, batch_last: bool) -> jax.Array:
     return on_joints(
         lambda q: pose_and_jacobian(geometry, q, "body")[1],
@@ -95,7 +95,7 @@ def autodiff_space_jacobian(robot: Robot, q: ArrayLike) -> jax.Array:
     return _autodiff_space_jacobian(robot, q)
 
 
-@on_robot
+@specialised
 def _autodiff_space_jacobian(geometry: Geometry, q: ArrayLike) -> jax.Array:
     n = geometry.joints
 
@@ -113,23 +113,16 @@ def _autodiff_space_jacobian(geometry: Geometry, q: ArrayLike) -> jax.Array:
 
 
 def pose_and_jacobian(
-    geometry: Geometry, q: Lanes, frame: Literal["space", "body"], *, stored: bool = False
+    geometry: Geometry, q: Lanes, frame: Literal["space", "body"], *, materialise: bool = False
 ) -> tuple[Motion, Lanes]:
     """The pose of the tool and the (6, n) Jacobian in the frame asked for, on lanes."""
-    motions = link_motions(geometry, q, stored=stored)
+    motions = link_motions(geometry, q, materialise=materialise)
     tool = compose(motions[-1], se3.split(geometry.home))
     columns = [geometry.screws[0]]
-    for screw, (rotation, position) in zip(geometry.screws[1:], motions):
-        w = rotation @ screw[:3]
-        columns.append(np.concatenate([w, rotation @ screw[3:] + lanes.cross(position, w)]))
+    for screw, motion in zip(geometry.screws[1:], motions):
+        columns.append(se3.adjoint_lanes(*motion, screw))
     if frame == "body":
-        rotation, position = tool
-        columns = [
-            np.concatenate(
-                [rotation.T @ c[:3], rotation.T @ (c[3:] - lanes.cross(position, c[:3]))]
-            )
-            for c in columns
-        ]
+        columns = [se3.inverse_adjoint_lanes(*tool, column) for column in columns]
     return tool, np.stack(columns, axis=1)
 
 
@@ -177,7 +170,7 @@ def _volume_jvp(
         for i in reversed(range(count)):
             for j in range(i + 1, count):
                 out[i] = out[i] - lower[j, i] * out[j]
-            out[i] = lanes.stored(out[i] * reciprocals[i])
+            out[i] = lanes.materialised(out[i] * reciprocals[i])
         return out
 
     inverse = on_lanes(transposed_inverse, ("rows", rows, (count, columns)))

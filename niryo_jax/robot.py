@@ -8,12 +8,12 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from numpy.typing import ArrayLike
 
-from niryo_jax import families, offset_wrist, structure
-from niryo_jax.family import Plan
-from niryo_jax.offset_wrist import Known
+from niryo_jax._jax import is_concrete
+from niryo_jax.structure import axes, classify, offset_wrist
+from niryo_jax.structure.families import ClosedFormPlan
+from niryo_jax.structure.offset_wrist import KnownNumbers
 from niryo_jax.tolerances import MOTION, SCREW_NORM
 
 Array = jax.Array | np.ndarray
@@ -28,11 +28,6 @@ def _as_leaf(value: ArrayLike) -> Array:
     return array
 
 
-def is_concrete(*values: object) -> bool:
-    """Whether every value is known now, rather than traced by a JAX transformation."""
-    return not any(isinstance(value, Tracer) for value in values)
-
-
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True, eq=False)
 class Robot:
@@ -44,10 +39,11 @@ class Robot:
         home: (4, 4) pose of the tool frame in the space frame at q = 0.
         lower, upper: (n,) joint limits, radians (metres for prismatic joints).
         joint_names, name: labels; static.
-        offset_wrist: which numbers of an offset-wrist arm are 0, 1 or -1 (`offset_wrist.Known`), or
-            None for an arm of another structure; found from concrete screws, static.
-        plans: how the arm can be solved in closed form (`family.Plan`); found and static
-            likewise.
+        offset_wrist: which numbers of an offset-wrist arm are 0, 1 or -1
+            (`structure.offset_wrist.KnownNumbers`), or None for an arm of another structure; found
+            from concrete screws, static.
+        plans: how the arm can be solved in closed form (`families.ClosedFormPlan`); found and
+            static likewise.
 
     The four arrays are pytree leaves, so they can be traced, batched and differentiated:
     `dataclasses.replace(robot, screws=...)` accepts traced arrays.
@@ -59,17 +55,17 @@ class Robot:
     upper: Array
     joint_names: tuple[str, ...] = dataclasses.field(default=(), metadata={"static": True})
     name: str = dataclasses.field(default="robot", metadata={"static": True})
-    offset_wrist: Known | None = dataclasses.field(default=None, metadata={"static": True})
-    plans: tuple[Plan, ...] = dataclasses.field(default=(), metadata={"static": True})
+    offset_wrist: KnownNumbers | None = dataclasses.field(default=None, metadata={"static": True})
+    plans: tuple[ClosedFormPlan, ...] = dataclasses.field(default=(), metadata={"static": True})
 
     def __post_init__(self) -> None:
         """Find the structure, which a robot that is traced later brings along."""
         screws, home = self.screws, self.home
         if isinstance(screws, np.ndarray) and isinstance(home, np.ndarray):
             one = screws.ndim == home.ndim == 2
-            known = offset_wrist.find(screws, home) if one else None
+            known = offset_wrist.known_numbers_of(screws, home) if one else None
             object.__setattr__(self, "offset_wrist", known)
-            object.__setattr__(self, "plans", families.find(screws) if one else ())
+            object.__setattr__(self, "plans", classify.closed_form_plans(screws) if one else ())
 
     @property
     def joints(self) -> int:
@@ -252,19 +248,19 @@ class Robot:
         lines = [f"{self.name}: {self.joints} joints"]
         for name, kind, screw, low, high in zip(
             self.joint_names,
-            structure.joint_kinds(screws),
+            axes.joint_kinds(screws),
             screws,
             np.asarray(self.lower),
             np.asarray(self.upper),
         ):
             slides = kind == "prismatic"
             unit, scale = ("m", 1.0) if slides else ("deg", 180.0 / np.pi)
-            place = "" if slides else f" through {_vector(structure.axis_point(screw))} m"
+            place = "" if slides else f" through {_vector(axes.axis_point(screw))} m"
             lines.append(
                 f"{name}: {kind}, along {_vector(screw[3:] if slides else screw[:3])}{place}, "
                 f"{low * scale:.2f} to {high * scale:.2f} {unit}"
             )
-        lines += structure.relations(screws) + families.describe(screws)
+        lines += axes.relations(screws) + classify.describe(screws)
         lines.append(f"tool at home: {_vector(np.asarray(self.home)[:3, 3])} m")
         return "\n  ".join(lines)
 

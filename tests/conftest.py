@@ -5,7 +5,14 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
+
+# Compiling is nearly all that the tests do: programs are made for the compiler's speed, unless the
+# caller says otherwise. `test_compiling.py` has those made for the machine's beside them.
+os.environ.setdefault(
+    "XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+)
 
 import hypothesis
 import jax
@@ -19,19 +26,40 @@ if cache := os.environ.get("JAX_COMPILATION_CACHE_DIR"):
     jax.config.update("jax_compilation_cache_dir", cache)
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 1.0)
 
+FAST = frozenset(
+    f"test_{name}"
+    for name in (
+        *("chain", "dh", "jacobian", "lanes", "mjcf", "packing", "se3"),
+        *("simulator", "so3", "structure", "subproblems", "urdf"),
+    )
+)
+"""Modules of the tier `fast`: a first signal in a minute."""
+
 hypothesis.settings.register_profile("local", deadline=None, max_examples=60)
 hypothesis.settings.register_profile("ci", deadline=None, max_examples=60, derandomize=True)
 hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests of the modules that are fast."""
+    for item in items:
+        if item.path.stem in FAST:
+            item.add_marker(pytest.mark.fast)
+
+
+_MOST_MAPS = 30_000
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _forget_programs() -> Iterator[None]:
-    """Release the programs of each module: a process may map no more than 65,530 pieces of memory.
+    """Release all programs where there are many: a process may map 65,530 pieces of memory.
 
     Where a process has reached that limit of Linux, jaxlib crashes.
     """
     yield
-    jax.clear_caches()
+    maps = Path("/proc/self/maps")
+    if not maps.exists() or maps.read_bytes().count(b"\n") > _MOST_MAPS:
+        jax.clear_caches()
 
 
 @pytest.fixture

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import niryo_jax as nj
-from niryo_jax.ik import parallel
-from niryo_jax.ik.batches import program_size
-from niryo_jax.ik.solutions import map_solutions
+from niryo_jax.execution import devices as parallel
+from niryo_jax.execution.padding import program_size
+from niryo_jax.ik.results.solutions import map_solutions
 
 ON_EIGHT_DEVICES = """
     import jax
@@ -24,7 +24,7 @@ ON_EIGHT_DEVICES = """
     import numpy as np
     from jax.sharding import Mesh, NamedSharding, PartitionSpec
     import niryo_jax as nj
-    from niryo_jax.ik import parallel
+    from niryo_jax.execution import devices as parallel
 
     robot = nj.robots.niryo_one()
     rows = NamedSharding(Mesh(np.array(jax.devices()), ("rows",)), PartitionSpec("rows"))

@@ -13,8 +13,8 @@ import pytest
 from support import BATCHES, DATA, product_of_exponentials
 
 import niryo_jax as nj
-from niryo_jax import families
 from niryo_jax.ik import IKStatus, Singularity
+from niryo_jax.structure import classify
 
 ROBOTS = json.loads((DATA / "book_robots.json").read_text())["robots"]
 BOOK = {entry["name"]: entry for entry in ROBOTS}
@@ -393,15 +393,15 @@ def test_arms_of_no_family_have_no_plan(rng):
     # A helical joint, slides that are parallel, a shoulder whose axes meet in one point.
     helical = np.array(general.screws)
     helical[0, 3:] += helical[0, :3]
-    assert families.find(helical) == ()
+    assert classify.closed_form_plans(helical) == ()
     slides = np.zeros((4, 6))
     slides[:2, 5], slides[2:, :3] = 1.0, np.eye(3)[:2]
-    assert families.find(slides) == ()
+    assert classify.closed_form_plans(slides) == ()
     point, wrist = rng.standard_normal((2, 3))
     axes = rng.standard_normal((6, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     centres = np.array([point] * 3 + [wrist] * 3)
-    assert families.find(np.hstack([axes, np.cross(centres, axes)])) == ()
+    assert classify.closed_form_plans(np.hstack([axes, np.cross(centres, axes)])) == ()
 
 
 @pytest.mark.parametrize("name", arms.FAMILIES)
@@ -415,7 +415,7 @@ def test_description_names_family_solver_and_singularities(name, rng):
 def test_locking_a_joint_in_numbers_is_moving_what_is_behind_it(rng):
     robot = nj.robots.load("kuka_iiwa14")
     q = rng.uniform(-3, 3, 7)
-    left = families.lock(np.asarray(robot.screws), 3, q[3])
+    left = classify.lock(np.asarray(robot.screws), 3, q[3])
     step = product_of_exponentials(robot.screws[3:4], np.eye(4), q[3:4]).astype(float)
     arm = nj.Robot.from_screws(left, step @ robot.home)
     np.testing.assert_allclose(poses_of(arm, np.delete(q, 3)), poses_of(robot, q), atol=1e-14)

@@ -12,8 +12,8 @@ from pose_sets import hole, reach, robot
 from support import rigid
 
 import niryo_jax as nj
-from niryo_jax.ik.follow import follow
-from niryo_jax.ik.reachable import nearest_reachable
+from niryo_jax.ik.paths.follow import follow
+from niryo_jax.ik.paths.nearest_reachable import nearest_reachable
 
 START = np.array([0.3, -0.4, -0.5, 0.4, 0.6, -0.3])
 SHOULDER = np.array([0.0, 0.0, 0.183])

@@ -12,8 +12,8 @@ from support import product_of_exponentials, random_robot
 
 import niryo_jax as nj
 from niryo_jax.ik import IKStatus
-from niryo_jax.ik.continuation import nominal, solve_by_continuation
-from niryo_jax.ik.multistart import evenly, solve_multistart
+from niryo_jax.ik.methods.continuation import nominal, solve_by_continuation
+from niryo_jax.ik.methods.multistart import additive_recurrence, solve_multistart
 
 POSES = 256  # one shape, so one program, for all tests on many poses
 
@@ -62,10 +62,10 @@ def random_case(joints, prismatic=()):
     return robot, q, pose, solve_multistart(robot, pose)
 
 
-def test_points_fill_the_cube_evenly():
-    points = evenly(4096, 3)
+def test_points_fill_the_cube_additive_recurrence():
+    points = additive_recurrence(4096, 3)
     assert points.shape == (4096, 3)
-    np.testing.assert_array_equal(points[:10], evenly(10, 3))
+    np.testing.assert_array_equal(points[:10], additive_recurrence(10, 3))
     cell = np.floor(points * 8).astype(int) @ [64, 8, 1]
     counts = np.bincount(cell, minlength=512)  # 8 on average
     assert counts.min() >= 3

@@ -11,8 +11,8 @@ import pytest
 from support import BATCHES, DATA
 
 import niryo_jax as nj
+from niryo_jax.execution.compaction import running_count
 from niryo_jax.ik import BranchStatus, seeded_branches, wrap_into_limits
-from niryo_jax.ik.batches import running_count
 
 CASES = json.loads((DATA / "niryo_one_ik.json").read_text())["cases"]
 POSES = np.array([case["pose"] for case in CASES])

@@ -8,13 +8,8 @@ import pytest
 from pose_sets import spherical
 
 import niryo_jax as nj
-from niryo_jax.structure import (
-    AxisRelation,
-    distance_between,
-    meeting_point,
-    offset_wrist_arm,
-    relation,
-)
+from niryo_jax.structure.axes import AxisRelation, distance_between, meeting_point, relation
+from niryo_jax.structure.offset_wrist import offset_wrist_arm
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,7 @@ from support import (
 
 import niryo_jax as nj
 from niryo_jax.robots.urdf import from_urdf, to_urdf
+from niryo_jax.structure import axes
 
 EXACT = 1e-12
 INF = math.inf
@@ -142,7 +143,7 @@ def test_a_chain_moves_as_its_xml_says(chain: Chain, data: Any):
     robot = from_urdf(chain.xml, tip=chain.tip)
     assert robot.joint_names == chain.names
     np.testing.assert_array_equal(np.stack([robot.lower, robot.upper], 1), chain.limits)
-    kinds = nj.structure.joint_kinds(robot.screws)
+    kinds = axes.joint_kinds(robot.screws)
     assert [kind == "prismatic" for kind in kinds] == list(chain.prismatic)
     assert "helical" not in kinds
     q = np.array(data.draw(st.lists(angles, min_size=len(kinds), max_size=len(kinds))))

@@ -104,7 +104,13 @@ def start(cache):
                 textwrap.dedent(MAKE),
                 *map(str, (store, devices, address, index, patience)),
             ],
-            env={**os.environ, "JAX_PLATFORMS": "cpu", "JAX_COMPILATION_CACHE_DIR": cache},
+            env={
+                **os.environ,
+                "JAX_PLATFORMS": "cpu",
+                "JAX_COMPILATION_CACHE_DIR": cache,
+                # One program and much work for it: it is compiled to run fast.
+                "XLA_FLAGS": "",
+            },
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

@@ -17,12 +17,12 @@ from matplotlib import pyplot as plt
 
 import niryo_jax as nj
 from niryo_jax import lanes
-from niryo_jax.ik.arm import Arm, arm_from
-from niryo_jax.ik.bounds import proves, remainder_bound
-from niryo_jax.ik.circle import Circle, wrist_circle
-from niryo_jax.ik.posture import posture
+from niryo_jax.ik.offset_wrist.parameters import OffsetWristParameters, parameters_from
+from niryo_jax.ik.offset_wrist.posture import posture
+from niryo_jax.ik.offset_wrist.remainder_bound import proves, remainder_bound
+from niryo_jax.ik.offset_wrist.wrist_circle import WristCircle, wrist_circle
 from niryo_jax.lanes import Lane
-from niryo_jax.offset_wrist import arm_numbers
+from niryo_jax.structure.offset_wrist import arm_numbers
 
 SEED, POSES = 20261122, 1024
 CHOSEN = ((275, 16, "the whole circle in reach"), (15, 8, "an arc in reach, cut by the edge"))
@@ -32,15 +32,15 @@ PLUS, MINUS = "+", "\N{MINUS SIGN}"
 POINTS = 601
 
 
-def arm_of(robot: nj.Robot) -> Arm:
+def arm_of(robot: nj.Robot) -> OffsetWristParameters:
     """The numbers of an arm, as lanes."""
     numbers = arm_numbers(np.asarray(robot.screws), np.asarray(robot.home), np)
     known = robot.offset_wrist
-    return arm_from(known, [jnp.asarray(x) for x, k in zip(numbers, known) if k is None])
+    return parameters_from(known, [jnp.asarray(x) for x, k in zip(numbers, known) if k is None])
 
 
 def condition(
-    arm: Arm, circle: Circle, t: np.ndarray, elbow: float, shoulder: float
+    arm: OffsetWristParameters, circle: WristCircle, t: np.ndarray, elbow: float, shoulder: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """f on one branch, and the bound m of its remainder within half an interval of t."""
     sin_cos = Lane(jnp.sin(t)), Lane(jnp.cos(t))
@@ -50,7 +50,9 @@ def condition(
     return tuple(np.broadcast_to(np.asarray(x.array), t.shape) for x in (f, bound))
 
 
-def draw(axes: plt.Axes, arm: Arm, pose: np.ndarray, expected: int, what: str) -> None:
+def draw(
+    axes: plt.Axes, arm: OffsetWristParameters, pose: np.ndarray, expected: int, what: str
+) -> None:
     """One pose: the four branches, their roots, and the intervals that must be halved."""
     circle = wrist_circle(arm, lanes.unpack(jnp.asarray(pose), 2))
     t = np.linspace(-np.pi / 2, np.pi / 2, POINTS)

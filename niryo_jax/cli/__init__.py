@@ -7,6 +7,7 @@ import sys
 
 import jax
 
+from niryo_jax._jax import COMPILE_FAST
 from niryo_jax.cli.outcome import ExitCode, Failure
 
 
@@ -14,8 +15,9 @@ def main() -> None:
     """Run the command with the arguments of this process, and exit with an `ExitCode`."""
     try:
         from niryo_jax.cli.app import run
+        from niryo_jax.cli.cache import keep_programs
     except ModuleNotFoundError as error:
-        if error.name not in ("typer", "rich"):
+        if error.name not in ("typer", "rich", "platformdirs"):
             raise
         missing = Failure(
             f'niryo-jax needs {error.name}; install it with: pip install "niryo_jax[cli]"',
@@ -24,13 +26,10 @@ def main() -> None:
         sys.exit(missing.report(as_json="--json" in sys.argv))
     arguments = sys.argv[1:] or ["--help"]
     jax.config.update("jax_enable_x64", True)
+    keep_programs()
     if arguments[0] != "workspace":
-        _configure_for_few_poses()
+        # A handful of poses are solved on the spot; an accelerator takes longer to be found.
+        jax.config.update("jax_platforms", os.environ.get("JAX_PLATFORMS") or "cpu")
+        flags = [f"--{name}={str(value).lower()}" for name, value in COMPILE_FAST.items()]
+        os.environ.setdefault("XLA_FLAGS", " ".join(flags))
     sys.exit(run(arguments))
-
-
-def _configure_for_few_poses() -> None:
-    """Settings for a process that solves a handful of poses: none of them on import."""
-    jax.config.update("jax_platforms", os.environ.get("JAX_PLATFORMS") or "cpu")
-    # Compiling takes far longer here than computing, and twice as long when optimised.
-    os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")

@@ -9,7 +9,6 @@ import numpy as np
 import typer
 from numpy.typing import ArrayLike
 
-from niryo_jax import structure
 from niryo_jax.cli.console import stdout
 from niryo_jax.cli.options import JsonOption
 from niryo_jax.cli.outcome import ExitCode, Failure, print_json
@@ -17,6 +16,7 @@ from niryo_jax.cli.tables import new_table
 from niryo_jax.robot import Robot
 from niryo_jax.robots import catalogue
 from niryo_jax.robots.urdf import from_urdf
+from niryo_jax.structure import axes
 
 
 def robots(as_json: JsonOption = False) -> None:
@@ -66,7 +66,7 @@ def describe(
     document = {
         "robot": chosen.name,
         "joint_names": list(chosen.joint_names),
-        "joint_kinds": list(structure.joint_kinds(chosen.known_screws())),
+        "joint_kinds": list(axes.joint_kinds(chosen.known_screws())),
         "lower_rad": _finite_or_none(chosen.lower),
         "upper_rad": _finite_or_none(chosen.upper),
         "screws": np.asarray(chosen.screws).tolist(),
@@ -97,7 +97,7 @@ def load_arm(name: str, base: str | None, tip: str | None) -> Robot:
 
 def _kinds(arm: Robot) -> str:
     """A letter for each joint."""
-    return "".join(kind[0].upper() for kind in structure.joint_kinds(arm.known_screws()))
+    return "".join(kind[0].upper() for kind in axes.joint_kinds(arm.known_screws()))
 
 
 def _structure(arm: Robot) -> list[str]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
-from contextlib import AbstractContextManager
+import threading
+from collections.abc import Generator
+from contextlib import contextmanager
 
 from rich.console import Console
 
@@ -12,6 +14,9 @@ _WIDTH = 110
 
 # A pose this far from a rigid motion was rounded by whoever wrote it.
 _ROUNDED = 1e-9
+
+# Seconds.
+_PATIENCE = 1.0
 
 
 def stdout() -> Console:
@@ -33,6 +38,15 @@ def note_rounding(distance: float) -> None:
         )
 
 
-def busy(what: str) -> AbstractContextManager[object]:
-    """Show on a terminal that something takes a while."""
-    return stderr().status(f"{what} (the first time JAX compiles, which takes some seconds) ...")
+@contextmanager
+def busy(what: str) -> Generator[None]:
+    """Show on a terminal what is being done, once it has taken a second."""
+    status = stderr().status(f"{what} (the first time JAX compiles, which takes some seconds) ...")
+    timer = threading.Timer(_PATIENCE, status.start)
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        timer.join()
+        status.stop()

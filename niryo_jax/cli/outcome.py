@@ -5,41 +5,24 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping
-from enum import IntEnum
 
+from niryo_jax.codes import Code
 from niryo_jax.hardware import ArgumentRejected, NiryoError, PyniryoMissing
 from niryo_jax.hardware.pick_and_place import StepUnsolvable
 from niryo_jax.workspace import StoreError
 
 
-class ExitCode(IntEnum):
+class ExitCode(Code):
     """What scripts can rely on."""
 
-    DONE = 0
-    UNEXPECTED = 1
-    USAGE = 2
-    NO_SOLUTION = 3
-    ROBOT = 4
-    MISSING_EXTRA = 5
-    STORE = 6
-    INTERRUPTED = 130
-
-    @property
-    def message(self) -> str:
-        """The meaning, as a phrase."""
-        return _MEANING[self]
-
-
-_MEANING = {
-    ExitCode.DONE: "done",
-    ExitCode.UNEXPECTED: "unexpected error: please report it",
-    ExitCode.USAGE: "wrong arguments, or a pose that is no rigid motion",
-    ExitCode.NO_SOLUTION: "no joint angles within the limits reach the pose",
-    ExitCode.ROBOT: "the robot cannot be reached, refused, or did not get there",
-    ExitCode.MISSING_EXTRA: "an optional package is not installed",
-    ExitCode.STORE: "a map's store cannot be used or written",
-    ExitCode.INTERRUPTED: "interrupted with Ctrl-C",
-}
+    DONE = 0, "done"
+    UNEXPECTED = 1, "unexpected error: please report it"
+    USAGE = 2, "wrong arguments, or a pose that is no rigid motion"
+    NO_SOLUTION = 3, "no joint angles within the limits reach the pose"
+    ROBOT = 4, "the robot cannot be reached, refused, or did not get there"
+    MISSING_EXTRA = 5, "an optional package is not installed"
+    STORE = 6, "a map's store cannot be used or written"
+    INTERRUPTED = 130, "interrupted with Ctrl-C"
 
 
 class Failure(Exception):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from niryo_jax.chain import forward_kinematics
-from niryo_jax.ik.newton import newton_raphson
+from niryo_jax.ik.newton.newton_raphson import newton_raphson
 from niryo_jax.robots import NiryoModel
 
 Vector = NDArray[np.float64]

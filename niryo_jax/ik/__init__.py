@@ -1,105 +1,14 @@
 """Inverse kinematics: solvers and their one result type."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from typing import Literal
-
-from jax.typing import ArrayLike
-
-from niryo_jax.ik.complete import Locked, solve_complete
-from niryo_jax.ik.continuation import nominal, solve_by_continuation
-from niryo_jax.ik.follow import JointPath, follow
-from niryo_jax.ik.human_arm import arm_angle
-from niryo_jax.ik.multistart import solve_multistart
-from niryo_jax.ik.newton import NewtonResult, newton_raphson
-from niryo_jax.ik.reachable import nearest_reachable
-from niryo_jax.ik.redundant import solve_sampled, spare
-from niryo_jax.ik.seeded import BranchStatus, SeededBranches, seeded_branches, solve_seeded
-from niryo_jax.ik.solutions import IKSolutions, IKStatus, Obstacle, Singularity, wrap_into_limits
-from niryo_jax.robot import Robot
-
-Method = Literal["complete", "continuation", "multistart", "sampled", "seeded"]
-
-
-def inverse_kinematics(
-    robot: Robot,
-    pose: ArrayLike,
-    method: Method | None = None,
-    *,
-    locked: Locked | None = None,
-    arm_angle: ArrayLike | None = None,
-) -> IKSolutions:
-    """All joint vectors that bring the tool to a pose, for a batch of poses.
-
-    Args:
-        robot: the arm. A traced robot keeps the structure of the concrete one it was made from.
-        pose: (..., 4, 4) targets in the space frame, metres. Poses that are slightly off SE(3),
-            as printed ones are, are projected to it and the distance is reported.
-        method: how to solve; where not given, the first of these that fits the arm.
-            "complete": every real solution, or a proof that there is none. By a scan with a proof
-            where axes 1 and 2 meet, 2 and 3 are parallel, 4 and 5 meet
-            (docs/theory/complete-ik.md); in closed form where the wrist is spherical, where three
-            axes are parallel and for four joints of some kinds (docs/families.md).
-            "sampled": for seven joints: the best of the complete sets for 16 arm angles, or values
-            of one joint.
-            "continuation": for arms that are nearly of the first kind (calibrated ones): the
-            complete sets of the nearest such arm, refined by Newton-Raphson on the true one.
-            "multistart": Newton-Raphson from 64 guesses, for any open chain.
-            "seeded": Paden-Kahan guesses refined by Newton-Raphson, for arms of the first kind
-            (Todorovic et al. 2024, algorithm 2): about 95 % of all solutions.
-            `complete` of the answer is False except for the first.
-        locked: for seven joints: the index of a joint and its value (...,), which broadcasts with
-            the batch of poses; the answer is complete for these values. With a further axis of
-            values it is a sampled family: pose[..., None, :, :] and values (k,).
-        arm_angle: the same with the arm angle (...,) in place of a joint (`niryo_jax.arm_angle`),
-            for seven joints of which axes 1, 2, 3 meet, and 5, 6, 7: what the arm can reach, it
-            reaches with any.
-
-    Returns:
-        `IKSolutions` with a slot for each solution that there can be: 16 of an arm with a wrist
-        offset and by the methods that are not complete, 8, 4, 2 or 1 where a closed form has no
-        more. Nothing is raised for a pose that cannot be solved: `status` says why, so that good
-        and bad poses can be mixed in one batch. Derivatives of q with respect to the pose are those
-        of the implicit function theorem, of any order, in forward and reverse mode; by the complete
-        method also those with respect to the geometry.
-
-    Raises:
-        ValueError: a wrong shape, an unknown method, an arm that the method does not fit, a joint
-            that cannot be locked.
-        TypeError: a traced robot, for a method that needs a concrete one.
-    """
-    chosen = locked is not None or arm_angle is not None
-    if method is None:
-        method = "complete" if chosen else method_for(robot)
-    if method not in _SOLVERS:
-        raise ValueError(f"method: expected one of {', '.join(_SOLVERS)}, got {method!r}")
-    if chosen:
-        if method != "complete":
-            raise ValueError(f"locked, arm_angle: are for method 'complete', got {method!r}")
-        return solve_complete(robot, pose, locked, arm_angle)
-    return _SOLVERS[method](robot, pose)
-
-
-_SOLVERS: dict[Method, Callable[[Robot, ArrayLike], IKSolutions]] = {
-    "complete": solve_complete,
-    "continuation": solve_by_continuation,
-    "multistart": solve_multistart,
-    "sampled": solve_sampled,
-    "seeded": solve_seeded,
-}
-
-
-def method_for(robot: Robot) -> Method:
-    """The method that `inverse_kinematics` takes where none is named."""
-    if not isinstance(robot, Robot):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise TypeError(f"robot: expected a niryo_jax.Robot, got {type(robot).__name__}")
-    if robot.offset_wrist is not None or (robot.plans and spare(robot) is None):
-        return "complete"
-    if spare(robot) is not None:
-        return "sampled"
-    return "multistart" if nominal(robot) is None else "continuation"
-
+from niryo_jax.ik.closed_form.srs import arm_angle
+from niryo_jax.ik.dispatch import Method, inverse_kinematics, method_for
+from niryo_jax.ik.methods.seeded import BranchStatus, SeededBranches, seeded_branches
+from niryo_jax.ik.newton.newton_raphson import NewtonResult, newton_raphson
+from niryo_jax.ik.paths.follow import JointPath, follow
+from niryo_jax.ik.paths.nearest_reachable import nearest_reachable
+from niryo_jax.ik.results.limits import wrap_into_limits
+from niryo_jax.ik.results.solutions import IKSolutions
+from niryo_jax.ik.results.status import IKStatus, Singularity, UnreachableReason
 
 __all__ = [
     "BranchStatus",
@@ -108,9 +17,9 @@ __all__ = [
     "JointPath",
     "Method",
     "NewtonResult",
-    "Obstacle",
     "SeededBranches",
     "Singularity",
+    "UnreachableReason",
     "arm_angle",
     "follow",
     "inverse_kinematics",

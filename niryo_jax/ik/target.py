@@ -19,7 +19,8 @@ class Target(NamedTuple):
     """Rigid motions to reach.
 
     Attributes:
-        pose: (..., 4, 4) the nearest rigid motion; the identity where the input is not one.
+        pose: (..., 4, 4) the nearest rigid motion; where the input is not `valid`, any that is
+            nearly one.
         distance: (...,) Frobenius distance from the input; infinite where there is none near.
         valid: (...,) whether the input is a rigid motion to within the tolerance.
     """
@@ -32,23 +33,31 @@ class Target(NamedTuple):
 @jax.jit
 def make_target(pose: ArrayLike) -> Target:
     """Make poses (..., 4, 4) into rigid motions, and say which are none."""
-    # One array of 18 columns, since XLA computes a loop again for each of its outputs.
-    columns = on_lanes(_nearest, ("pose", pose, (4, 4)))
-    motion = columns[..., :16].reshape(*columns.shape[:-1], 4, 4)
-    return Target(motion, columns[..., 16], columns[..., 17] > 0.5)
+    given = on_lanes(_usable, ("pose", pose, (4, 4)))
+    # A loop, which XLA does not work out again for each of the many that use a target.
+    motion = jax.lax.fori_loop(
+        0, so3.ORTHONORMALISING, lambda _, x: on_lanes(_nearer, ("pose", x, (4, 4))), given
+    )
+    checks = on_lanes(_checks, ("pose", pose, (4, 4)), ("motion", motion, (4, 4)))
+    return Target(motion, checks[..., 0], checks[..., 1] > 0.5)
 
 
-def _nearest(pose: Lanes) -> Lanes:
-    # Unusable input is replaced before anything is computed from it, so that it cannot make a
-    # derivative NaN.
+def _usable(pose: Lanes) -> Lanes:
+    """The pose; the identity where it is unusable, so that it cannot make a derivative NaN."""
+    return lanes.choose(_is_near_rotation(pose), pose, _IDENTITY)
+
+
+def _nearer(pose: Lanes) -> Lanes:
+    return se3.assemble(so3.orthonormalise_step_lanes(pose[:3, :3]), pose[:3, 3])
+
+
+def _checks(pose: Lanes, motion: Lanes) -> Lanes:
+    """The distance, infinite where the pose is unusable, and 1 where it is a rigid motion."""
     usable = _is_near_rotation(pose)
-    given = lanes.choose(usable, pose, _IDENTITY)
-    motion = se3.assemble(so3.orthonormalise_lanes(given[:3, :3]), given[:3, 3])
-    distance = lanes.norm((given - motion).ravel())
+    distance = lanes.norm((lanes.choose(usable, pose, motion) - motion).ravel())
     valid = usable & (distance <= POSE_ROTATION)
-    kept = lanes.choose(valid, motion, _IDENTITY)
     reported = lanes.select(usable, distance, jnp.inf)
-    return lanes.lanes_of([*kept.ravel(), reported, lanes.select(valid, 1.0, 0.0)])
+    return lanes.lanes_of([reported, lanes.select(valid, 1.0, 0.0)])
 
 
 def _is_near_rotation(pose: Lanes) -> lanes.Condition:

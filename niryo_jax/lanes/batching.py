@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from niryo_jax.lanes.scalar import Lane, Lanes, lanes_of, pack, store, unpack
+from niryo_jax.lanes.scalar import Lane, Lanes, lanes_of, materialise, pack, unpack
 from niryo_jax.lanes.trigonometry import Angle, sincos
 
 Edge = tuple[str, ArrayLike, tuple[int, ...]]
@@ -77,7 +77,7 @@ def on_joints(
     With `batch_last` the joint vectors are (n, ...), and so are the batch axes of the result.
     """
     q = as_floating("q", q)
-    sin, cos = (store(part).array for part in sincos(Lane(q)))
+    sin, cos = (materialise(part).array for part in sincos(Lane(q)))
 
     def with_angles(q: Lanes, sin: Lanes, cos: Lanes, *rest: Lanes) -> Any:
         angles = np.empty(len(q), dtype=object)

@@ -6,7 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from niryo_jax.lanes.scalar import ZERO, Lane, Lanes, lanes_of, select, sqrt, store, stored
+from niryo_jax.lanes.scalar import (
+    ZERO,
+    Lane,
+    Lanes,
+    lanes_of,
+    materialise,
+    materialised,
+    select,
+    sqrt,
+)
 
 
 def identity(size: int) -> Lanes:
@@ -81,18 +90,18 @@ def orthogonalise(rows: Lanes, tolerance: float) -> Orthogonal:
     A row of which less than the share `tolerance` is independent of those before it is dependent.
     """
     count = len(rows)
-    basis, lower = stored(rows), lanes_of(np.zeros((count, count)))
+    basis, lower = materialised(rows), lanes_of(np.zeros((count, count)))
     reciprocals = lanes_of(np.zeros(count))
     for i in range(count):
         whole = norm(basis[i])
         for j in range(i):
-            lower[i, j] = store(basis[i] @ basis[j])
+            lower[i, j] = materialise(basis[i] @ basis[j])
             basis[i] = basis[i] - lower[i, j] * basis[j]
         rest = norm(basis[i])
         independent = rest > tolerance * whole
-        reciprocals[i] = store(select(independent, 1.0 / select(independent, rest, 1.0), 0.0))
+        reciprocals[i] = materialise(select(independent, 1.0 / select(independent, rest, 1.0), 0.0))
         lower[i, i] = rest
-        basis[i] = stored(basis[i] * reciprocals[i])
+        basis[i] = materialised(basis[i] * reciprocals[i])
     return Orthogonal(basis, lower, reciprocals)
 
 
@@ -127,10 +136,12 @@ def solve(matrix: Lanes, rhs: Lanes, damping: Lane | float, tolerance: float) ->
     if wide:
         y = rhs.copy()
         for i in range(m):
-            y[i] = store((y[i] - dot(lower[i, :i], y[:i])) * reciprocals[i], by=reciprocals[i])
+            y[i] = materialise(
+                (y[i] - dot(lower[i, :i], y[:i])) * reciprocals[i], by=reciprocals[i]
+            )
         return basis.T @ y
     x = basis @ rhs
     for i in reversed(range(n)):
         rest = x[i] - dot(lower[i + 1 :, i], x[i + 1 :])
-        x[i] = store(rest * reciprocals[i], by=reciprocals[i])
+        x[i] = materialise(rest * reciprocals[i], by=reciprocals[i])
     return x

@@ -13,12 +13,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.extend.core import Primitive
-from jax.interpreters import ad, batching, mlir
 
-_pack = Primitive("pack_columns")
-_unpack = Primitive("unpack_columns")
-_unpack.multiple_results = True
+from niryo_jax._jax import instantiate_zeros, linear_primitive
 
 
 def pack_columns(columns: Sequence[jax.Array], shape: tuple[int, ...]) -> jax.Array:
@@ -88,17 +84,22 @@ def _pack_transposed(rate: Any, *columns: Any, shape: tuple[int, ...]) -> list[j
 
 def _unpack_transposed(rates: Sequence[Any], rows: Any) -> list[jax.Array]:
     del rows
-    return [pack_columns([ad.instantiate_zeros(rate) for rate in rates], (len(rates),))]
+    return [pack_columns([instantiate_zeros(rate) for rate in rates], (len(rates),))]
 
 
-_pack.def_impl(jax.jit(_select, static_argnames="shape"))
-_pack.def_abstract_eval(lambda *columns, shape: _outputs(_stack, *columns, shape=shape)[0])
-mlir.register_lowering(_pack, mlir.lower_fun(_select, multiple_results=False))
-ad.deflinear2(_pack, _pack_transposed)
-batching.primitive_batchers[_pack] = _pack_batched
-
-_unpack.def_impl(jax.jit(_slices))
-_unpack.def_abstract_eval(lambda rows: _outputs(_slices, rows))
-mlir.register_lowering(_unpack, mlir.lower_fun(_slices, multiple_results=True))
-ad.deflinear2(_unpack, _unpack_transposed)
-batching.primitive_batchers[_unpack] = _unpack_batched
+_pack = linear_primitive(
+    "pack_columns",
+    _select,
+    lambda *columns, shape: _outputs(_stack, *columns, shape=shape)[0],
+    _pack_transposed,
+    _pack_batched,
+    static=("shape",),
+)
+_unpack = linear_primitive(
+    "unpack_columns",
+    _slices,
+    lambda rows: _outputs(_slices, rows),
+    _unpack_transposed,
+    _unpack_batched,
+    multiple_results=True,
+)

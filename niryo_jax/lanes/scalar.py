@@ -266,11 +266,25 @@ def sqrt(x: Lane) -> Lane:
     """
     if isinstance(x.value, float):
         return Lane(0.0 if x.value <= 0 else math.sqrt(x.value))
-    empty = _apply(lax.le, operator.le, x.value, 0.0)
-    return Lane(_where(empty, 0.0, lax.sqrt(_where(empty, 1.0, x.value))))
+    return Lane(_sqrt(jnp.asarray(x.value)))
 
 
-def store(lane: Lane, by: Lane | None = None) -> Lane:
+# Where XLA works out x twice, the two may differ in the last bit: the root of a select on x <= 0
+# can then be that of the other side.
+@jax.custom_jvp
+def _sqrt(x: jax.Array) -> jax.Array:
+    return lax.sqrt(lax.max(lax.full_like(x, 0.0), x))
+
+
+@_sqrt.defjvp
+def _sqrt_jvp(primals: tuple[jax.Array], tangents: tuple[jax.Array]) -> tuple[jax.Array, jax.Array]:
+    root = _sqrt(*primals)
+    some = root > 0
+    per = jnp.where(some, 0.5 / jnp.where(some, root, 1.0), 0.0)
+    return root, tangents[0] * per
+
+
+def materialise(lane: Lane, by: Lane | None = None) -> Lane:
     """The same lane, computed once and kept, where XLA would compute it again for each user.
 
     XLA on the CPU fuses a cheap value into every loop that uses it, which multiplies the work of a
@@ -286,11 +300,11 @@ def store(lane: Lane, by: Lane | None = None) -> Lane:
     return Lane(_apply(lax.div, operator.truediv, lane.value, one))
 
 
-def stored(lanes: Lanes) -> Lanes:
-    """`store` of every element."""
-    return map_lanes(store, lanes)
+def materialised(lanes: Lanes) -> Lanes:
+    """`materialise` of every element."""
+    return map_lanes(materialise, lanes)
 
 
-def columns(array: jax.Array, axes: int = 1) -> Lanes:
+def contiguous_lanes(array: jax.Array, axes: int = 1) -> Lanes:
     """`unpack`, each lane contiguous in memory, which what reads many rows is faster with."""
-    return stored(unpack(array, axes))
+    return materialised(unpack(array, axes))

@@ -206,6 +206,18 @@ def inverse_lanes(rotation: Lanes, position: Lanes) -> tuple[Lanes, Lanes]:
     return rotation.T, -(rotation.T @ position)
 
 
+def adjoint_lanes(rotation: Lanes, position: Lanes, twist: Lanes) -> Lanes:
+    """Ad_T V of a twist (6,): (R omega, R v + p x R omega) (Lynch & Park, definition 3.20)."""
+    w = rotation @ twist[:3]
+    return np.concatenate([w, rotation @ twist[3:] + lanes.cross(position, w)])
+
+
+def inverse_adjoint_lanes(rotation: Lanes, position: Lanes, twist: Lanes) -> Lanes:
+    """Ad_{T^-1} V of a twist (6,)."""
+    w = twist[:3]
+    return np.concatenate([rotation.T @ w, rotation.T @ (twist[3:] - lanes.cross(position, w))])
+
+
 def exp_lanes(twist: Lanes) -> tuple[Lanes, Lanes]:
     """`exp` on lanes, for any twist."""
     w, v = twist[:3], twist[3:]

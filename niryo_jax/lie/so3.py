@@ -200,16 +200,17 @@ def log_lanes(rotation: Lanes) -> Lanes:
     return log_parts(rotation).vector
 
 
-def orthonormalise_lanes(matrix: Lanes) -> Lanes:
-    """The rotation nearest to a matrix within 0.02 of one, to rounding; elsewhere roughly so.
+ORTHONORMALISING = 3
+"""So many steps of `orthonormalise_step_lanes` find the rotation nearest to a matrix within 0.02 of
+one, to rounding; elsewhere roughly so."""
 
-    Three Newton-Schulz steps X <- X (3 I - X^T X) / 2, without a division (Higham, *Functions of
-    Matrices*, section 8.3).
+
+def orthonormalise_step_lanes(x: Lanes) -> Lanes:
+    """A Newton-Schulz step X <- X (3 I - X^T X) / 2, without a division.
+
+    Higham, *Functions of Matrices*, section 8.3.
     """
-    x = matrix
-    for _ in range(3):
-        x = x @ (1.5 * lanes.identity(3) - 0.5 * (x.T @ x))
-    return x
+    return x @ (1.5 * lanes.identity(3) - 0.5 * (x.T @ x))
 
 
 def project_lanes(matrix: Lanes) -> tuple[Lanes, Lane]:

@@ -13,14 +13,14 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax import lanes
+from niryo_jax._jax import is_concrete
 from niryo_jax.chain import compose
-from niryo_jax.ik.error import Frame
+from niryo_jax.ik.newton.pose_error import Frame
 from niryo_jax.ik.target import Target, make_target
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import as_floating, check_shape, on_lanes
 from niryo_jax.lie import se3, so3
 from niryo_jax.motion.time_scaling import Scaling, TimeScaling, sampled
-from niryo_jax.robot import is_concrete
 from niryo_jax.tolerances import POSE_ROTATION
 
 
@@ -220,7 +220,7 @@ def _along(
 
 def _kept(array: jax.Array) -> jax.Array:
     """The same array, computed once, where XLA would compute it for each number made of it."""
-    return lanes.store(Lane(array)).array
+    return lanes.materialise(Lane(array)).array
 
 
 @jax.jit
@@ -272,10 +272,10 @@ def _decoupled_at(frame: Frame, start: jax.Array, way: jax.Array, law: TimeScali
         s, rate, acceleration = law
         turn, line = way[:3], way[3:]
         first, position = se3.split(start)
-        rotation, position = lanes.stored(first @ turned), position + line * s
+        rotation, position = lanes.materialised(first @ turned), position + line * s
         # The linear part of a twist is the velocity of the body's point at the frame's origin.
         if frame == "body":
-            line = lanes.stored(rotation.T @ line)
+            line = lanes.materialised(rotation.T @ line)
             v, v_rate = line * rate, line * acceleration
             v_rate = v_rate - lanes.cross(turn * rate, v)
         else:

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from niryo_jax._jax import is_concrete
 from niryo_jax.lanes.batching import as_floating, check_shape
-from niryo_jax.robot import is_concrete
 
 
 class TimeScaling(NamedTuple):

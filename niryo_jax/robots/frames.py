@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
-from niryo_jax.robot import Robot, is_concrete
+from niryo_jax._jax import is_concrete
+from niryo_jax.robot import Robot
 from niryo_jax.tolerances import ARM_NUMBER
 
 

@@ -17,11 +17,11 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
-from niryo_jax import structure
 from niryo_jax.lie.rpy import rpy_from_pose
 from niryo_jax.robot import Robot
 from niryo_jax.robots import description
 from niryo_jax.robots.frames import robot_from_frames
+from niryo_jax.structure import axes
 
 _UNLIMITED = sys.float_info.max
 """Stands for no bound where URDF demands one."""
@@ -125,7 +125,7 @@ def to_urdf(robot: Robot, path: str | os.PathLike[str] | None = None) -> str:
     screws, home, names = robot.known_screws(), np.asarray(robot.home, float), robot.joint_names
     if screws.ndim != 2:
         raise ValueError(f"robot: expected one robot, got screws of shape {screws.shape}")
-    kinds = structure.joint_kinds(screws)
+    kinds = axes.joint_kinds(screws)
     if "helical" in kinds:
         name = names[kinds.index("helical")]
         raise ValueError(f"robot: joint {name!r} is helical; URDF has no such joint")
@@ -140,7 +140,7 @@ def to_urdf(robot: Robot, path: str | os.PathLike[str] | None = None) -> str:
     limits = np.stack([robot.lower, robot.upper], axis=1).astype(float)
     for i, (name, kind, screw, bounds) in enumerate(zip(names, kinds, screws, limits)):
         slides = kind == "prismatic"
-        point = place if slides else structure.axis_point(screw)
+        point = place if slides else axes.axis_point(screw)
         endless = not slides and bool(np.all(bounds == (-np.inf, np.inf)))
         joint = _add_joint(root, name, "continuous" if endless else kind, links[i : i + 2])
         SubElement(joint, "origin", xyz=_text(point - place))

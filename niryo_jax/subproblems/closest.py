@@ -71,7 +71,7 @@ def closest_turns(first: Axis, second: Axis, p: Lanes, k: Lanes) -> tuple[Lane, 
     across = lanes.cross(around, radius)
     square = [away @ away + radius @ radius, 2.0 * (away @ radius), 2.0 * (away @ across)]
     numbers = [*square, up @ away, up @ radius, up @ across, lanes.norm(still)]
-    arrays = jnp.broadcast_arrays(*(lanes.store(x).array for x in numbers))
+    arrays = jnp.broadcast_arrays(*(lanes.materialise(x).array for x in numbers))
     kept = lanes.lanes_of([Lane(x) for x in arrays])
     turn = Lane(_lowest(_Profile(kept[:3], kept[3:6], kept[6]), arrays[0]))
     t1, t2 = -turn, turn
@@ -96,7 +96,7 @@ def _lowest(profile: _Profile, like: jax.Array) -> jax.Array:
         t, low, high = state
         sin, cos = lanes.sincos(Lane(t))
         # Stored, so that all that is decided by them is decided by the same rounding.
-        slope, bend = (lanes.store(rate).array for rate in profile.rates(cos, sin))
+        slope, bend = (lanes.materialise(rate).array for rate in profile.rates(cos, sin))
         low, high = jnp.where(slope > 0, low, t), jnp.where(slope > 0, t, high)
         newton = t - slope / jnp.where(bend > 0, bend, 1.0)
         inside = (bend > 0) & (newton >= low) & (newton <= high)
@@ -132,9 +132,9 @@ def newton_step(first: Axis, second: Axis, p: Lanes, k: Lanes, angles: list[Lane
     """
     t1, t2 = angles
     x, y = rotate(second, t2, p), rotate(first, -t1, k)
-    apart = lanes.stored(x - y)
-    along_1 = lanes.stored(lanes.cross(first.direction, y - first.point))
-    along_2 = lanes.stored(lanes.cross(second.direction, x - second.point))
+    apart = lanes.materialised(x - y)
+    along_1 = lanes.materialised(lanes.cross(first.direction, y - first.point))
+    along_2 = lanes.materialised(lanes.cross(second.direction, x - second.point))
     slope_1, slope_2 = apart @ along_1, apart @ along_2
     square_1, square_2, mixed = along_1 @ along_1, along_2 @ along_2, along_1 @ along_2
     bend_1 = square_1 - apart @ lanes.cross(first.direction, along_1)
@@ -145,7 +145,7 @@ def newton_step(first: Axis, second: Axis, p: Lanes, k: Lanes, angles: list[Lane
     product = square_1 * square_2
     steps = [mixed * slope_2 - bend_2 * slope_1, mixed * slope_1 - bend_1 * slope_2]
     return Step(
-        lanes.stored(np.array(steps, dtype=object) * share),
+        lanes.materialised(np.array(steps, dtype=object) * share),
         lanes.norm(apart),
         1.0 - mixed * mixed / lanes.select(product > 0.0, product, 1.0),
     )

@@ -161,7 +161,7 @@ def pardos_gotor_6_lanes(screw_1: Lanes, screw_2: Lanes, p: Lanes, k: Lanes) -> 
         step = newton_step(*fixed, slot)
         sure = exact & ~single & (step.sine > SUBPROBLEM_STEEP)
         slot = [t + lanes.select(sure, dt, 0.0) for t, dt in zip(slot, step.angles)]
-        slot = [lanes.store(lanes.select(missed, new, t)) for new, t in zip(closest, slot)]
+        slot = [lanes.materialise(lanes.select(missed, new, t)) for new, t in zip(closest, slot)]
         step = newton_step(*problem, slot)
         rates = [lanes.select(single, 0.0, dt) for dt in step.angles - constant(step.angles)]
         angles.append([wrap(t + rate) for t, rate in zip(slot, rates)])

@@ -53,21 +53,21 @@ def turns_through(
     coincident = parallel & is_on(first, second.point, scale)
     p_on_axis, k_on_axis = is_on(second, p, scale), is_on(first, k, scale)
     # Stored, because each of the four results would compute the whole chain again.
-    tangent = lanes.store(crossing.overlap) <= scale.coincidence
-    middle = lanes.stored(crossing.middle)
-    half = lanes.stored(lanes.choose(tangent, crossing.half * 0.0, crossing.half))
+    tangent = lanes.materialise(crossing.overlap) <= scale.coincidence
+    middle = lanes.materialised(crossing.middle)
+    half = lanes.materialised(lanes.choose(tangent, crossing.half * 0.0, crossing.half))
     angles: list[list[Lane]] = []
     residual: list[Lane] = []
     for c in (middle - half, middle + half):
         # Where p or k does not move under its own rotation, the point between is known exactly.
         c = lanes.choose(coincident | p_on_axis, p, lanes.choose(k_on_axis, k, c))
-        c = lanes.stored(c)
+        c = lanes.materialised(c)
         t2 = lanes.select(coincident | p_on_axis, 0.0, wrap(angle_about(second, p, c)))
         t1 = lanes.select(k_on_axis & ~coincident, 0.0, wrap(angle_about(first, c, k)))
-        t1, t2 = lanes.store(t1), lanes.store(t2)
+        t1, t2 = lanes.materialise(t1), lanes.materialise(t2)
         missed = lanes.norm(rotate(first, t1, rotate(second, t2, p)) - k)
         angles.append([t1, t2])
-        residual.append(lanes.store(missed))
+        residual.append(lanes.materialise(missed))
     return Turns(angles, residual, tangent, coincident | p_on_axis | k_on_axis)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from niryo_jax.robot import Robot
-from niryo_jax.structure import joint_kinds
+from niryo_jax.structure.axes import joint_kinds
 from niryo_jax.workspace.grid import Grid, check_box, check_voxel
 
 _STARTS = 512

@@ -16,10 +16,10 @@ from jax import lax
 from jax.typing import ArrayLike
 
 from niryo_jax.chain import joint_motion
-from niryo_jax.geometry import Geometry, on_robot
-from niryo_jax.ik.parallel import cores
+from niryo_jax.execution.devices import cores
 from niryo_jax.lanes import Lane
 from niryo_jax.robot import Robot
+from niryo_jax.specialise import Geometry, specialised
 from niryo_jax.workspace.extent import box, joint_ranges
 from niryo_jax.workspace.extras import need
 from niryo_jax.workspace.progress import Progress
@@ -189,7 +189,7 @@ def _joint_value(words: jax.Array, low: jax.Array, high: jax.Array) -> jax.Array
     return 0.5 * (low + high) + (signed + 0.5) * ((high - low) * (1.0 / _WORD))
 
 
-@on_robot
+@specialised
 def _count(
     geometry: Geometry,
     low: jax.Array,

@@ -12,15 +12,17 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from niryo_jax.geometry import Geometry, on_robot
+from niryo_jax._jax import is_concrete
+from niryo_jax.execution.compaction import for_each_chunk
+from niryo_jax.execution.devices import on_all_cores
+from niryo_jax.execution.padding import cut_rows, padded_rows
 from niryo_jax.ik import Method, inverse_kinematics
-from niryo_jax.ik.batches import cut_rows, for_each_chunk, padded_rows
-from niryo_jax.ik.parallel import on_all_cores
-from niryo_jax.ik.solutions import limit_margin
+from niryo_jax.ik.results.limits import limit_margin
 from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes.batching import as_floating, check_shape, on_joints
 from niryo_jax.lanes.singular import singular_values
-from niryo_jax.robot import Robot, is_concrete
+from niryo_jax.robot import Robot
+from niryo_jax.specialise import Geometry, specialised
 
 _POSTURES = 512
 _FEW_POSES = 256
@@ -151,7 +153,7 @@ def measure(robot: Robot, pose: jax.Array, *, method: Method | None, length: flo
     )
 
 
-@on_robot
+@specialised
 def _worth(geometry: Geometry, q: jax.Array, length: float) -> tuple[jax.Array, ...]:
     """Manipulability, smallest singular value and minus the position noise of q (n, rows)."""
     jacobian = on_joints(

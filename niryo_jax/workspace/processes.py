@@ -9,6 +9,8 @@ from typing import Any
 
 import jax
 
+from niryo_jax._jax import survive_lost_processes
+
 _PATIENCE = 600.0
 """Seconds without a new chunk after which other processes are given up: longer than it takes to
 compile, on a busy machine too, and to compute a chunk."""
@@ -34,7 +36,7 @@ def one_of_many(
         coordinator_address, num_processes, process_id, more: as `jax.distributed.initialize` takes
             them; none under Slurm, Open MPI or on cloud TPUs, which it finds by itself.
     """
-    jax.config.update("jax_enable_recoverability", True)
+    survive_lost_processes()
     jax.distributed.initialize(coordinator_address, num_processes, process_id, **more)
     try:
         yield

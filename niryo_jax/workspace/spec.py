@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from niryo_jax.ik import Method, method_for
-from niryo_jax.ik.solutions import SLOTS
+from niryo_jax.ik.results.solutions import SLOTS
 from niryo_jax.robot import Robot
 from niryo_jax.workspace.description import robot_from, robot_text
 from niryo_jax.workspace.extent import box

@@ -17,8 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from niryo_jax.ik.parallel import cores
-from niryo_jax.ik.solutions import SLOTS
+from niryo_jax.execution.devices import cores
+from niryo_jax.ik.results.solutions import SLOTS
 from niryo_jax.lie import se3
 from niryo_jax.workspace.measures import PoseMeasures, measure
 from niryo_jax.workspace.spec import Chunk, MapSpec

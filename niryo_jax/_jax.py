@@ -1,0 +1,159 @@
+"""The parts of JAX that it does not document, or may change: everything of them that is used.
+
+`jax.interpreters`, `jax.extend`, tracers, the options of XLA's compiler and the flags of
+`jax.distributed` have no promise of stability. Whatever of them moves, moves here.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import jax
+from jax.core import Tracer, eval_context
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+
+untraced = eval_context
+"""A context in which JAX computes, and finds what it has compiled, whatever is being traced."""
+
+
+def is_concrete(*values: object) -> bool:
+    """Whether every value is known now, rather than traced by a JAX transformation."""
+    return not any(isinstance(value, Tracer) for value in values)
+
+
+RUN_FAST: Mapping[str, Any] = {"xla_cpu_prefer_vector_width": 512}
+"""For programs that run long: XLA takes half of what AVX-512 offers unless told."""
+
+COMPILE_FAST: Mapping[str, Any] = {
+    "xla_backend_optimization_level": 0,
+    "xla_cpu_use_fusion_emitters": False,
+}
+"""For programs whose compilation takes longer than they run: a third to a quarter of the time.
+
+Without its newer emitters XLA computes shared values inside a fusion again for each use, and a
+chain of many small steps can take all memory: a test watches each program that is so compiled."""
+
+
+class Compiled:
+    """A jitted function whose programs are compiled with options of their own where possible.
+
+    JAX refuses compiler options inside a function that a caller compiles, and XLA those that it
+    does not know: there the function is compiled as any other.
+
+    Args:
+        function: to be compiled.
+        options: of XLA's compiler.
+        jit: further arguments of `jax.jit`.
+    """
+
+    def __init__(
+        self, function: Callable[..., Any], options: Mapping[str, Any], **jit: Any
+    ) -> None:
+        self._plain = jax.jit(function, **jit)
+        self._own = jax.jit(function, compiler_options=dict(options), **jit)
+
+    def __call__(self, concrete: bool, *arguments: Any) -> Any:
+        """The function of arguments that are `concrete` (`is_concrete`) or not."""
+        if concrete:
+            with contextlib.suppress(ValueError, jax.errors.JaxRuntimeError):
+                return self._own(*arguments)
+        return self._plain(*arguments)
+
+
+def linear_primitive(
+    name: str,
+    function: Callable[..., Any],
+    shape_of: Callable[..., Any],
+    transpose: Callable[..., Any],
+    batch: Callable[..., Any],
+    *,
+    multiple_results: bool = False,
+    static: Sequence[str] = (),
+) -> Primitive:
+    """A linear operation with a transpose and a rule of batching of its own.
+
+    Args:
+        name: for messages.
+        function: what it computes, written in JAX's own operations.
+        shape_of: what JAX knows of the arguments -> what it knows of the results.
+        transpose: (rates of the results, arguments) -> rates of the arguments.
+        batch: (batched arguments, their axes) -> results and their axes.
+        multiple_results: whether the function returns a list.
+        static: names of the arguments that are no arrays.
+    """
+    primitive = Primitive(name)
+    primitive.multiple_results = multiple_results
+    primitive.def_impl(jax.jit(function, static_argnames=tuple(static)))
+    primitive.def_abstract_eval(shape_of)
+    mlir.register_lowering(primitive, mlir.lower_fun(function, multiple_results=multiple_results))
+    ad.deflinear2(primitive, transpose)
+    batching.primitive_batchers[primitive] = batch
+    return primitive
+
+
+def instantiate_zeros(rate: Any) -> jax.Array:
+    """The array of a rate that JAX may know to be zero without one."""
+    return ad.instantiate_zeros(rate)
+
+
+def survive_lost_processes() -> None:
+    """Let a process of `jax.distributed` go on where another one of its group ends."""
+    jax.config.update("jax_enable_recoverability", True)
+
+
+def opaque(
+    name: str, batch: Callable[..., Any]
+) -> Callable[[Callable[..., Any], tuple[Any, ...]], Any]:
+    """How to call functions such that concrete arguments are never traced.
+
+    `call(function, arguments)` runs a hashable function of arrays, or of nests of them. Inside a
+    caller's jit it becomes part of that program; `jax.vmap` hands it to `batch`. It has no
+    derivative, so it stands inside a rule that gives one.
+
+    Args:
+        name: for messages.
+        batch: (function, arguments, for each array whether it has the mapped axis in front, the
+            size of that axis) -> results, and for each array whether it has it.
+    """
+    primitive = Primitive(name)
+    primitive.multiple_results = True
+
+    def run(*leaves: Any, function: Callable[..., Any], structure: Any) -> list[Any]:
+        return jax.tree.leaves(function(*jax.tree.unflatten(structure, leaves)))
+
+    def avals(*leaves: Any, function: Callable[..., Any], structure: Any) -> list[Any]:
+        # What JAX's own operations make of the arguments says also what shard_map wants to know.
+        def flat(*leaves: Any) -> list[Any]:
+            return run(*leaves, function=function, structure=structure)
+
+        return list(jax.make_jaxpr(flat)(*leaves).out_avals)
+
+    def batched(
+        leaves: Sequence[Any], axes: Sequence[int | None], *, function: Any, structure: Any
+    ) -> tuple[list[Any], list[int | None]]:
+        moved = [
+            x if axis is None else jax.numpy.moveaxis(x, axis, 0) for x, axis in zip(leaves, axes)
+        ]
+        size = next(x.shape[0] for x, axis in zip(moved, axes) if axis is not None)
+        has = jax.tree.unflatten(structure, [axis is not None for axis in axes])
+        result, out = batch(function, jax.tree.unflatten(structure, moved), has, size)
+        return jax.tree.leaves(result), [0 if given else None for given in jax.tree.leaves(out)]
+
+    primitive.def_impl(run)
+    primitive.def_abstract_eval(avals)
+    mlir.register_lowering(primitive, mlir.lower_fun(run, multiple_results=True))
+    batching.primitive_batchers[primitive] = batched
+
+    def call(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+        leaves, structure = jax.tree.flatten(arguments)
+        if is_concrete(*leaves):
+            with untraced():
+                return function(*arguments)
+        result = jax.tree.structure(jax.eval_shape(function, *arguments))
+        leaves = primitive.bind(*leaves, function=function, structure=structure)
+        return jax.tree.unflatten(result, leaves)
+
+    return call

@@ -1,0 +1,45 @@
+"""A choice of rows, worked on so many at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import jax
+import jax.numpy as jnp
+
+State = TypeVar("State")
+
+
+def for_each_chunk(
+    which: jax.Array,
+    chunk: int,
+    body: Callable[[State, jax.Array, jax.Array], State],
+    state: State,
+) -> State:
+    """Run `body(state, rows, live)` on the chosen rows, so many at a time."""
+    size = which.shape[0]
+    place, count = running_count(which)
+    place = jnp.where(which, place - 1, size + chunk)
+    order = jnp.zeros(size + chunk, jnp.int32)
+    order = order.at[place].set(jnp.arange(size, dtype=jnp.int32), mode="drop")
+
+    def step(carry: tuple[jax.Array, State]) -> tuple[jax.Array, State]:
+        at, state = carry
+        rows = jax.lax.dynamic_slice_in_dim(order, at, chunk)
+        return at + chunk, body(state, rows, at + jnp.arange(chunk) < count)
+
+    return jax.lax.while_loop(lambda carry: carry[0] < count, step, (jnp.int32(0), state))[1]
+
+
+def running_count(which: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """How many are true up to and including each, and in all."""
+    # A small product with a triangle of ones costs a fraction of a cumulative sum.
+    side = 64
+    table = jnp.pad(which, (0, -len(which) % side)).reshape(-1, side).astype(jnp.float32)
+    within = jnp.matmul(table, jnp.triu(jnp.ones((side, side), jnp.float32)), precision="highest")
+    # Whole numbers of float32 are exact in a row of the table, not in a batch of many millions.
+    within = within.astype(jnp.int32)
+    before = jnp.cumsum(within[:, -1])
+    count = within + (before - within[:, -1])[:, None]
+    return count.reshape(-1)[: len(which)], before[-1]

@@ -1,0 +1,1 @@
+"""Every solution of an arm, or a proof that there is none."""

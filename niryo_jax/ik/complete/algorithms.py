@@ -1,0 +1,161 @@
+"""What complete inverse kinematics does with an arm: a scan with a proof, or a closed form."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from niryo_jax import lanes
+from niryo_jax.chain import joint_motion
+from niryo_jax.ik.closed_form import families
+from niryo_jax.ik.complete.second_pass import by_polish, by_subdivision
+from niryo_jax.ik.offset_wrist.parameters import OffsetWristParameters, parameters_from
+from niryo_jax.ik.offset_wrist.scan import scan_candidates
+from niryo_jax.ik.offset_wrist.wrist_circle import reason_out_of_reach, wrist_circle
+from niryo_jax.ik.results.candidates import Candidates
+from niryo_jax.ik.results.limits import Limits
+from niryo_jax.ik.results.ranking import Answer
+from niryo_jax.ik.results.solutions import SLOTS
+from niryo_jax.ik.results.status import UnreachableReason
+from niryo_jax.lanes import Lane, Lanes
+from niryo_jax.lie import se3
+from niryo_jax.specialise import Geometry
+from niryo_jax.structure.families import ClosedFormPlan
+from niryo_jax.structure.offset_wrist import KnownNumbers
+
+
+class Goal(NamedTuple):
+    """What is asked for.
+
+    Attributes:
+        pose: (rows, 4, 4) rigid motions.
+        held: (rows, 1) the value of the joint that is locked, or the arm angle; or (rows, 0).
+    """
+
+    pose: jax.Array
+    held: jax.Array
+
+
+class Algorithm(Protocol):
+    """How the complete method solves one kind of arm."""
+
+    @property
+    def periodic(self) -> tuple[bool, ...]:
+        """True for each joint that returns to its place after 2 pi."""
+        ...
+
+    @property
+    def slots(self) -> int:
+        """The most solutions that there can be."""
+        ...
+
+    def free_arm(self, held: jax.Array) -> Geometry:
+        """The arm that is left where a joint is locked; its lanes have the shape (...,) of
+        `held` (..., 1), or none."""
+        ...
+
+    def first_pass(self, geometry: Geometry, goal: Goal) -> tuple[Candidates, jax.Array]:
+        """The candidates, and (rows,) an `UnreachableReason`."""
+        ...
+
+    def second_pass(self, goal: Goal, live: jax.Array, limits: Limits) -> Answer:
+        """The answers of poses, whatever it takes."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class OffsetWrist:
+    """Axes 1 and 2 meet, 2 and 3 are parallel, 4 and 5 meet, and axis 6 misses that point."""
+
+    whole: Geometry
+    arm: OffsetWristParameters
+    periodic = (True,) * 6
+    slots = SLOTS
+
+    def free_arm(self, held: jax.Array) -> Geometry:
+        """The whole arm."""
+        del held
+        return self.whole
+
+    def first_pass(self, geometry: Geometry, goal: Goal) -> tuple[Candidates, jax.Array]:
+        """By a scan of few nodes."""
+        del geometry
+        rows, dtype = goal.pose.shape[0], goal.pose.dtype
+        circle = wrist_circle(self.arm, lanes.contiguous_lanes(goal.pose, 2))
+        candidates = scan_candidates(self.arm, circle, rows, dtype)
+        return candidates, reason_out_of_reach(circle, rows, dtype)
+
+    def second_pass(self, goal: Goal, live: jax.Array, limits: Limits) -> Answer:
+        """By subdivision."""
+        return by_subdivision(self.whole, self.arm, goal.pose, live, limits, self.slots)
+
+
+@dataclasses.dataclass(frozen=True)
+class ClosedForm:
+    """An arm of one of `niryo_jax.structure.families`."""
+
+    whole: Geometry
+    plan: ClosedFormPlan
+
+    @property
+    def periodic(self) -> tuple[bool, ...]:
+        """True for each joint that returns to its place after 2 pi."""
+        return self.plan.periodic
+
+    @property
+    def slots(self) -> int:
+        """The most solutions that there can be."""
+        return 2**self.plan.family.signs
+
+    def free_arm(self, held: jax.Array) -> Geometry:
+        """The arm without the locked joint, whose motion is part of what comes behind it."""
+        joint, whole = self.plan.locked, self.whole
+        if joint is None:
+            return whole
+        rotation, position = joint_motion(whole, joint, Lane(held[..., 0]))
+        rotation, position = lanes.materialised(rotation), lanes.materialised(position)
+
+        def moved(screw: Lanes) -> Lanes:
+            return lanes.materialised(se3.adjoint_lanes(rotation, position, screw))
+
+        behind = [moved(screw) for screw in whole.screws[joint + 1 :]]
+        home_rotation, home = se3.split(whole.home)
+        pose = se3.assemble(rotation @ home_rotation, rotation @ home + position)
+        kinds = whole.kinds[:joint] + whole.kinds[joint + 1 :]
+        screws = np.stack([*whole.screws[:joint], *behind])
+        return Geometry(screws, lanes.materialised(pose), kinds)
+
+    def first_pass(self, geometry: Geometry, goal: Goal) -> tuple[Candidates, jax.Array]:
+        """In closed form; there is no other proof than that it has no root."""
+        rows, dtype = goal.pose.shape[0], goal.pose.dtype
+        target = lanes.contiguous_lanes(goal.pose, 2)
+        angle = Lane(goal.held[:, 0]) if self.plan.by_arm_angle else None
+        candidates = families.candidates(self.plan.family, geometry, target, angle, rows, dtype)
+        return candidates, jnp.full(rows, UnreachableReason.NONE, jnp.int32)
+
+    def second_pass(self, goal: Goal, live: jax.Array, limits: Limits) -> Answer:
+        """The same candidates, polished by Newton's method."""
+        geometry = self.free_arm(goal.held)
+        candidates, _ = self.first_pass(geometry, goal)
+        return by_polish(geometry, candidates, goal.pose, live, limits, self.periodic, self.slots)
+
+
+Structure = KnownNumbers | ClosedFormPlan
+"""What is known of an arm while tracing, for the algorithm that fits it."""
+
+
+def algorithm_for(structure: Structure, geometry: Geometry, numbers: jax.Array) -> Algorithm:
+    """The algorithm of an arm.
+
+    Args:
+        structure: what is known of it while tracing.
+        geometry: the arm.
+        numbers: the other numbers of an offset-wrist arm, and none of others.
+    """
+    if isinstance(structure, ClosedFormPlan):
+        return ClosedForm(geometry, structure)
+    return OffsetWrist(geometry, parameters_from(structure, list(numbers)))

@@ -1,0 +1,217 @@
+"""The second pass of the complete solver, which leaves no pose open: small batches, hard poses.
+
+The candidates, however many there are, are verified; those that miss by more than rounding are
+polished on the full pose; the different ones are ranked. Work is done a chunk at a time.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from niryo_jax import lanes
+from niryo_jax.execution.compaction import for_each_chunk
+from niryo_jax.ik.newton import rolled
+from niryo_jax.ik.newton.pose_error import extent, may_take_pose, within_tolerance
+from niryo_jax.ik.offset_wrist.parameters import OffsetWristParameters
+from niryo_jax.ik.offset_wrist.posture import branch_label, joint_angles
+from niryo_jax.ik.offset_wrist.subdivision import (
+    BRACKET,
+    CROSSING,
+    SELF_MOTION,
+    TOUCHING,
+    Roots,
+    find_roots,
+    posture_of,
+)
+from niryo_jax.ik.offset_wrist.wrist_circle import WristCircle, reason_out_of_reach, wrist_circle
+from niryo_jax.ik.results.candidates import Candidates, JointVectors, in_slots
+from niryo_jax.ik.results.deduplicate import distinct
+from niryo_jax.ik.results.limits import Limits, without_whole_turns
+from niryo_jax.ik.results.ranking import Answer, rank
+from niryo_jax.ik.results.status import Singularity, UnreachableReason
+from niryo_jax.lanes import RecordRows
+from niryo_jax.specialise import Geometry
+from niryo_jax.tolerances import DEPENDENT_ROW, IK_POLISH, IK_POSITION
+
+_AT_ONCE = 2048
+_POLISHED = 128
+_POLISHING = 6
+_LARGEST_STEP = 0.2
+_MOST = 16
+_FEW = 12
+_NEARLY = 100.0
+
+
+def by_subdivision(
+    geometry: Geometry,
+    arm: OffsetWristParameters,
+    target: jax.Array,
+    live: jax.Array,
+    limits: Limits,
+    slots: int,
+) -> Answer:
+    """The answers of poses (rows, 4, 4) of an offset-wrist arm: roots with a proof, polished."""
+    rows, dtype = target.shape[0], target.dtype
+    circle = wrist_circle(arm, lanes.contiguous_lanes(target, 2))
+    unreachable = reason_out_of_reach(circle, rows, dtype)
+    circles = lanes.RecordRows(circle, rows, dtype)
+    roots = find_roots(arm, circles, live & (unreachable == UnreachableReason.NONE))
+    periodic = (True,) * geometry.joints
+    solved = _joint_vectors(geometry, arm, circles, target, roots)
+    solved = _polished(geometry, target, solved, roots.pose, periodic)
+    real = roots.pose < rows
+    # A crossing's roots are met many times over; where two of them merge, only the best are alike.
+    share = jnp.where(roots.kind == CROSSING, IK_POLISH.of(dtype) / IK_POSITION.of(dtype), 1.0)
+    good = real & within_tolerance(*solved.errors, share)
+
+    # A root that is proved to be there and whose joint vector does not close is a solution lost;
+    # one that touches zero to rounding and nearly closes may be.
+    near = within_tolerance(*solved.errors, _NEARLY)
+    lost = real & ~good & ((roots.kind == BRACKET) | ((roots.kind == TOUCHING) & near))
+
+    def different(size: int) -> tuple[jax.Array, jax.Array]:
+        owner = jnp.where(good, roots.pose, rows)[:size]
+        table, crowded = distinct(solved.q[:size], owner, rows, _MOST)
+        return table, crowded.at[jnp.where(lost, roots.pose, rows)[:size]].set(True, mode="drop")
+
+    if rows < _POLISHED:
+        table, incomplete = different(len(real))
+    else:
+        # Few poses have many roots, and sorting room for as many would cost more than all the rest.
+        table, incomplete = jax.lax.cond(
+            roots.number <= _FEW * rows,
+            lambda: different(_FEW * rows),
+            lambda: different(len(real)),
+        )
+    table = table.T
+    taken = jnp.maximum(table, 0)
+    kind = roots.kind[taken]
+    singularity = jnp.select(
+        [kind == SELF_MOTION, kind == TOUCHING],
+        [jnp.int32(Singularity.SELF_MOTION), jnp.int32(Singularity.MERGED)],
+        jnp.int32(Singularity.NONE),
+    )
+    q, position, rotation, label = (x[taken] for x in solved)
+    vectors = JointVectors(q, table >= 0, position, rotation, label, singularity)
+    proved = (unreachable != UnreachableReason.NONE) | (roots.complete & ~incomplete)
+    return Answer(rank(vectors, limits, periodic, slots), unreachable, proved)
+
+
+def by_polish(
+    geometry: Geometry,
+    candidates: Candidates,
+    target: jax.Array,
+    live: jax.Array,
+    limits: Limits,
+    periodic: tuple[bool, ...],
+    slots: int,
+) -> Answer:
+    """The answers of poses (rows, 4, 4) from the candidates of a closed form, polished."""
+    rows, shape = target.shape[0], candidates.exists.shape
+    pose = jnp.broadcast_to(jnp.arange(rows), shape).reshape(-1)
+    possible = (candidates.exists & live).reshape(-1)
+    q = jnp.stack([in_slots(lane.array, shape).reshape(-1) for lane in candidates.q], axis=-1)
+    errors = rolled.pose_errors(geometry.at(pose), lanes.unpack(target[pose], 2), q.T)
+    solved = _Solved(q, *errors, candidates.label.reshape(-1))
+    solved = _polished(geometry, target, solved, jnp.where(possible, pose, rows), periodic)
+    found = possible & within_tolerance(*solved.errors, size=extent(target)[pose])
+    lost = possible & ~found & may_take_pose(geometry.joints, *solved.errors)
+
+    def by_pose(x: jax.Array) -> jax.Array:
+        return jnp.swapaxes(x.reshape(*shape, *x.shape[1:]), 0, 1)
+
+    q, position, rotation, label = map(by_pose, solved)
+    vectors = JointVectors(q, by_pose(found), position, rotation, label, candidates.singularity.T)
+    unreachable = jnp.full(rows, UnreachableReason.NONE, jnp.int32)
+    proved = ~jnp.any(by_pose(lost), axis=1)
+    return Answer(rank(vectors, limits, periodic, slots), unreachable, proved)
+
+
+class _Solved(NamedTuple):
+    """Joint vectors (r, n), the metres and radians by which they miss, and their branches."""
+
+    q: jax.Array
+    position: jax.Array
+    rotation: jax.Array
+    label: jax.Array
+
+    @property
+    def errors(self) -> tuple[jax.Array, jax.Array]:
+        """Metres and radians by which they miss."""
+        return self.position, self.rotation
+
+    def replace(self, where: jax.Array, new: _Solved) -> _Solved:
+        """With the rows `where` replaced; rows out of range are left out."""
+        return _Solved(*(x.at[where].set(y, mode="drop") for x, y in zip(self, new)))
+
+
+def _chunk(rows: int, most: int) -> int:
+    """How many roots to work on at once: about as many as the poses have, for few poses."""
+    return min(most, 16 * rows)
+
+
+def _joint_vectors(
+    geometry: Geometry,
+    arm: OffsetWristParameters,
+    circles: RecordRows[WristCircle],
+    target: jax.Array,
+    roots: Roots,
+) -> _Solved:
+    """The joint vector of each root."""
+    places, dtype, rows = roots.pose.shape[0], target.dtype, target.shape[0]
+
+    def solve(state: _Solved, at: jax.Array, live: jax.Array) -> _Solved:
+        pose = jnp.minimum(roots.pose[at], rows - 1)
+        circle = circles[pose]
+        posture = posture_of(arm, circle, roots.intervals[at])
+        q = lanes.materialised(joint_angles(arm, circle, posture))
+        rows_of_q = lanes.pack(q, at.shape, dtype)
+        errors = rolled.pose_errors(geometry, lanes.unpack(target[pose], 2), rows_of_q.T)
+        where = jnp.where(live, at, places)
+        return state.replace(where, _Solved(rows_of_q, *errors, branch_label(posture, q[4])))
+
+    nothing = jnp.zeros((places, geometry.joints), dtype)
+    far = jnp.full(places, jnp.inf, dtype)
+    start = _Solved(nothing, far, far, jnp.zeros(places, jnp.int32))
+    chunk = min(_chunk(rows, _AT_ONCE), places)
+    return for_each_chunk(roots.pose < rows, chunk, solve, start)
+
+
+def _polished(
+    geometry: Geometry,
+    target: jax.Array,
+    solved: _Solved,
+    pose: jax.Array,
+    periodic: tuple[bool, ...],
+) -> _Solved:
+    """Newton's method on the full pose for the joint vectors that miss by more than rounding."""
+    dtype, rows = solved.q.dtype, target.shape[0]
+    tolerance = IK_POLISH.of(dtype)
+    rough = (solved.position > tolerance) | (solved.rotation > tolerance)
+    rough = rough & (pose < rows)
+
+    def polish(state: _Solved, at: jax.Array, live: jax.Array) -> _Solved:
+        row = jnp.minimum(pose[at], rows - 1)
+        goal, its = lanes.unpack(target[row], 2), geometry.at(row)
+
+        def step(_: int, carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+            q, *best = carry
+            twist, jacobian, (position, rotation) = rolled.near_twist(its, goal, q)
+            better = position + rotation < best[1] + best[2]
+            best = (jnp.where(better, x, y) for x, y in zip((q, position, rotation), best))
+            inverse = rolled.pseudo_inverse(jacobian, DEPENDENT_ROW.of(dtype))
+            move = jnp.sum(inverse * twist[None], axis=1)
+            return q + jnp.clip(move, -_LARGEST_STEP, _LARGEST_STEP), *best
+
+        q = state.q[at].T
+        start = q, q, state.position[at], state.rotation[at]
+        _, q, position, rotation = jax.lax.fori_loop(0, _POLISHING, step, start)
+        q = without_whole_turns(q.T, periodic)
+        where = jnp.where(live, at, pose.shape[0])
+        return state.replace(where, _Solved(q, position, rotation, state.label[at]))
+
+    chunk = min(_chunk(rows, _POLISHED), pose.shape[0])
+    return for_each_chunk(rough, chunk, polish, solved)

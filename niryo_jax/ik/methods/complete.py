@@ -1,0 +1,155 @@
+"""Method `complete`: every solution, or a proof that there is none."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import operator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from niryo_jax._jax import is_concrete
+from niryo_jax.execution.devices import batch_sharding, on_all_cores
+from niryo_jax.execution.padding import cut_rows, is_small, padded_rows, program_size
+from niryo_jax.ik.complete.algorithms import Structure
+from niryo_jax.ik.complete.driver import complete_solutions
+from niryo_jax.ik.differentiable import solve_differentiably
+from niryo_jax.ik.newton.implicit import Held
+from niryo_jax.ik.results.solutions import IKSolutions, map_solutions
+from niryo_jax.lanes.batching import as_floating, check_shape
+from niryo_jax.robot import Robot
+from niryo_jax.structure.families import ClosedFormPlan
+from niryo_jax.structure.offset_wrist import arm_numbers, concrete_numbers
+
+Locked = tuple[int, ArrayLike]
+"""The index of a joint and its value (...,)."""
+
+
+@dataclasses.dataclass(frozen=True)
+class CompleteSolver:
+    """The complete method for arms of one structure."""
+
+    structure: Structure
+
+    @property
+    def held(self) -> Held:
+        """What its values are values of."""
+        if not isinstance(self.structure, ClosedFormPlan):
+            return None
+        return "arm angle" if self.structure.by_arm_angle else self.structure.locked
+
+    def periodic(self, joints: int) -> tuple[bool, ...]:
+        """True for each joint that returns to its place after 2 pi."""
+        plan = self.structure
+        if not isinstance(plan, ClosedFormPlan):
+            return (True,) * joints
+        joint, others = plan.locked, plan.periodic
+        return others if joint is None else (*others[:joint], plan.locked_turns, *others[joint:])
+
+    def __call__(self, robot: Robot, pose: jax.Array, values: jax.Array | None) -> IKSolutions:
+        """The solutions of poses (..., 4, 4), given values (...,) of what is held."""
+        dtype, batch = pose.dtype, pose.shape[:-2]
+        held: Any = np.zeros((*batch, 0), dtype) if values is None else values[..., None]
+        sharding = batch_sharding(pose, len(batch))
+        parts = sharding.parts if sharding else 1
+        given = [x.astype(dtype) for x in (self._numbers(robot), robot.lower, robot.upper)]
+
+        def solve(pose: jax.Array, held: jax.Array) -> IKSolutions:
+            batch = pose.shape[:-2]
+            padded = parts * program_size(-(-math.prod(batch) // parts))
+            whole = (padded,) == batch
+            rows = [x if whole else padded_rows(x, len(batch), padded) for x in (pose, held)]
+            answer = complete_solutions(
+                robot,
+                *rows,
+                *given,
+                structure=self.structure,
+                periodic=self.periodic(robot.joints),
+                sharding=sharding,
+                quick=is_small(padded),
+            )
+            return answer if whole else _cut(answer, batch)
+
+        return on_all_cores(solve, [pose, held], batch, program_size, map_solutions)
+
+    def _numbers(self, robot: Robot) -> Any:
+        """The numbers of an offset-wrist arm that are not known while tracing."""
+        if isinstance(self.structure, ClosedFormPlan):
+            return np.zeros(0)
+        if is_concrete(robot.screws, robot.home):
+            numbers = concrete_numbers(np.asarray(robot.screws), np.asarray(robot.home))
+        else:
+            numbers = arm_numbers(robot.screws, robot.home, jnp)
+        return numbers[np.array([i for i, x in enumerate(self.structure) if x is None])]
+
+
+def solve_complete(
+    robot: Robot,
+    pose: ArrayLike,
+    locked: Locked | None = None,
+    arm_angle: ArrayLike | None = None,
+) -> IKSolutions:
+    """`inverse_kinematics` by the complete method."""
+    solver = CompleteSolver(_structure(robot, locked, arm_angle is not None))
+    if robot.screws.ndim != 2:
+        raise ValueError(
+            f"robot: expected screws (n, 6), got {robot.screws.shape}; use jax.vmap for many robots"
+        )
+    pose = as_floating("pose", pose)
+    check_shape("pose", pose, (4, 4))
+    given = arm_angle if locked is None else locked[1]
+    values = None
+    if given is not None:
+        values = as_floating("arm_angle" if locked is None else "locked", given)
+        batch = jnp.broadcast_shapes(pose.shape[:-2], values.shape)
+        pose = jnp.broadcast_to(pose, (*batch, 4, 4))
+        values = jnp.broadcast_to(values, batch).astype(pose.dtype)
+    return solve_differentiably(solver, solver.held, robot, pose, values)
+
+
+def _structure(robot: Robot, locked: Locked | None, by_arm_angle: bool) -> Structure:
+    """What is known of the arm while tracing, for the algorithm that fits it."""
+    joint = None
+    if locked is not None:
+        if not isinstance(locked, tuple):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise TypeError(f"locked: expected (joint index, value), got {locked!r}")
+        if by_arm_angle:
+            raise ValueError("locked, arm_angle: expected one of the two, got both")
+        joint = operator.index(locked[0])
+    fitting = [
+        plan for plan in robot.plans if plan.locked == joint and plan.by_arm_angle == by_arm_angle
+    ]
+    if by_arm_angle and not fitting:
+        raise ValueError(
+            f"arm_angle: {robot.name} has none; expected seven joints of which axes 1, 2, 3 meet "
+            "in one point and 5, 6, 7 in another"
+        )
+    # A closed form is sooner than the scan.
+    if fitting:
+        return fitting[0]
+    if robot.offset_wrist is not None and joint is None:
+        return robot.offset_wrist
+    possible = [plan.locked for plan in robot.plans if plan.locked is not None]
+    if joint is not None:
+        raise ValueError(
+            f"locked: joint {joint} of {robot.name} cannot be locked; those that can, so that the "
+            f"others are solved in closed form: {possible or 'none'}"
+        )
+    if possible:
+        raise ValueError(
+            f"method 'complete' needs a joint of {robot.name} to be locked, one of {possible}"
+        )
+    raise ValueError(
+        "method 'complete' needs an arm of which axes 1 and 2 meet, 2 and 3 are parallel, 4 and 5 "
+        f"meet, or one that a closed form solves (docs/families.md); {robot.name} is neither"
+    )
+
+
+@functools.partial(jax.jit, static_argnums=1)
+def _cut(answer: IKSolutions, batch: tuple[int, ...]) -> IKSolutions:
+    return answer.map(lambda x: cut_rows(x, batch))

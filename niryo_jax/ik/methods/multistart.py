@@ -1,0 +1,100 @@
+"""Inverse kinematics of any open chain: Newton-Raphson from many guesses.
+
+The guesses are the first points of a sequence that fills the box of the joint limits evenly (the
+additive recurrence of Roberts, 2018): no seed, so the same pose always has the same answer. What is
+found is certain; that there is nothing else is not, and with more starts less is missed.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from niryo_jax.execution.padding import in_chunks
+from niryo_jax.ik.methods.newton_answer import answer_of_newton
+from niryo_jax.ik.newton.newton_raphson import newton_raphson
+from niryo_jax.ik.results.assemble import assemble
+from niryo_jax.ik.results.limits import limits_of
+from niryo_jax.ik.results.ranking import Answer
+from niryo_jax.ik.results.solutions import IKSolutions
+from niryo_jax.ik.target import make_target
+from niryo_jax.lanes.batching import as_floating, check_shape
+from niryo_jax.robot import Robot
+from niryo_jax.structure.axes import joint_kinds
+
+_STEP = 1.5
+"""Far from any answer, longer steps than Newton-Raphson takes by default converge more often."""
+
+
+def solve_multistart(robot: Robot, pose: ArrayLike, starts: int = 64) -> IKSolutions:
+    """Joint vectors that bring the tool of any open chain to a pose, from many guesses.
+
+    A pose costs `starts` runs of Newton-Raphson, nearly all of 30 steps since some never converge:
+    one to two milliseconds a pose on a CPU for six joints and 64 starts, at least ten times the
+    complete method. Of six-joint arms in general position, 64 starts find more than 99 % of all
+    solutions. Poses are solved a chunk at a time, so that memory stays bounded.
+
+    Args:
+        robot: a concrete arm of any number of revolute, prismatic or helical joints.
+        pose: (..., 4, 4) targets in the space frame, metres; projected to SE(3) first.
+        starts: how many guesses, spread evenly over the joint limits; an unlimited joint over one
+            turn or, where it is prismatic, over [-1, 1] m.
+
+    Returns:
+        `IKSolutions` with 16 slots; the 16 farthest from the limits where more are found, as for
+        an arm with more than six joints. Never `complete`; the status is UNDECIDED where nothing
+        is found.
+
+    Raises:
+        ValueError: a wrong shape, or fewer starts than one.
+        TypeError: a traced robot, whose kinds of joints are not known.
+    """
+    if starts < 1:
+        raise ValueError(f"starts: expected 1 or more, got {starts}")
+    screws = robot.known_screws()
+    if screws.ndim != 2:
+        raise ValueError(
+            f"robot: expected screws (n, 6), got {screws.shape}; solve for one robot at a time"
+        )
+    pose = as_floating("pose", pose)
+    check_shape("pose", pose, (4, 4))
+    kinds = joint_kinds(screws)
+    periodic = tuple(kind == "revolute" for kind in kinds)
+    limits = limits_of(robot.lower, robot.upper, pose.dtype)
+    guesses = _spread(additive_recurrence(starts, robot.joints), limits, kinds)
+
+    target = make_target(pose)
+
+    def answers(poses: jax.Array) -> Answer:
+        newton = newton_raphson(robot, poses[:, None], guesses, step_limit=_STEP)
+        return answer_of_newton(newton, limits, periodic)
+
+    return assemble(in_chunks(answers, target.pose), target, limits, periodic)
+
+
+def additive_recurrence(count: int, dimensions: int) -> np.ndarray:
+    """(count, dimensions) points that fill the unit cube evenly, however many are taken.
+
+    M. Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences" (2018): the multiples,
+    modulo 1, of the powers of 1 / g, where g > 1 is the root of g^(dimensions + 1) = g + 1.
+    """
+    g = 2.0
+    for _ in range(64):
+        g = (1.0 + g) ** (1.0 / (dimensions + 1))
+    steps = g ** -np.arange(1.0, dimensions + 1)
+    return (0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0
+
+
+def _spread(
+    points: np.ndarray, limits: tuple[jax.Array, jax.Array], kinds: tuple[str, ...]
+) -> jax.Array:
+    """Points (m, n) of the unit cube, spread over the joint limits."""
+    lower, upper = limits
+    half = jnp.array([1.0 if kind == "prismatic" else np.pi for kind in kinds], lower.dtype)
+    # A joint with one limit gets as much room on the other side as one without any.
+    low = jnp.where(jnp.isfinite(upper), upper - 2 * half, -half)
+    low = jnp.where(jnp.isfinite(lower), lower, low)
+    high = jnp.where(jnp.isfinite(upper), upper, low + 2 * half)
+    return low + (high - low) * jnp.asarray(points, lower.dtype)

@@ -1,0 +1,97 @@
+"""Inverse kinematics of arms with a joint to spare: complete sets for many ways to spend it."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from niryo_jax.execution.padding import in_chunks
+from niryo_jax.ik.methods.complete import solve_complete
+from niryo_jax.ik.results.assemble import assemble
+from niryo_jax.ik.results.candidates import JointVectors
+from niryo_jax.ik.results.deduplicate import duplicates
+from niryo_jax.ik.results.limits import limits_of
+from niryo_jax.ik.results.ranking import Answer, rank
+from niryo_jax.ik.results.solutions import SLOTS, IKSolutions
+from niryo_jax.ik.results.status import IKStatus, UnreachableReason
+from niryo_jax.ik.target import make_target
+from niryo_jax.lanes.batching import as_floating, check_shape
+from niryo_jax.robot import Robot
+from niryo_jax.structure.families import ClosedFormPlan
+
+
+def solve_sampled(robot: Robot, pose: ArrayLike, samples: int = 16) -> IKSolutions:
+    """The best of the complete sets for evenly spread arm angles, or values of a locked joint.
+
+    An arm of seven joints reaches a pose in infinitely many ways, a curve or more of them. What is
+    returned are the 16 solutions farthest within the limits out of those at `samples` arm angles;
+    of an arm without arm angle, at as many values of `robot.plans[0].locked`, spread evenly
+    over its limits (one turn where it has none).
+
+    Args:
+        robot: an arm of seven joints with plans.
+        pose: (..., 4, 4) targets in the space frame, metres; projected to SE(3) first.
+        samples: how many.
+
+    Returns:
+        `IKSolutions` with 16 slots. Never `complete`. Where nothing is found, the status is
+        UNREACHABLE of an arm with an arm angle, and else UNDECIDED.
+
+    Raises:
+        ValueError: a wrong shape, an arm without such plans, fewer samples than one.
+    """
+    if samples < 1:
+        raise ValueError(f"samples: expected 1 or more, got {samples}")
+    plan = spare(robot)
+    if plan is None:
+        raise ValueError(
+            "method 'sampled' needs seven joints of which one can be locked, so that the others "
+            f"are solved in closed form; {robot.name} is no such arm"
+        )
+    pose = as_floating("pose", pose)
+    check_shape("pose", pose, (4, 4))
+    limits = limits_of(robot.lower, robot.upper, pose.dtype)
+    joint = plan.locked
+    low, high = jnp.array([-np.pi, np.pi], pose.dtype)
+    if joint is not None:
+        low = jnp.where(jnp.isfinite(limits[0][joint]), limits[0][joint], low)
+        high = jnp.where(jnp.isfinite(limits[1][joint]), limits[1][joint], high)
+    values = low + (high - low) * jnp.asarray((np.arange(samples) + 0.5) / samples, pose.dtype)
+    periodic = plan.periodic
+    if joint is not None:
+        periodic = (*periodic[:joint], plan.locked_turns, *periodic[joint:])
+
+    target = make_target(pose)
+
+    def answers(poses: jax.Array) -> Answer:
+        poses = poses[:, None]
+        if joint is None:
+            sets = solve_complete(robot, poses, arm_angle=values)
+        else:
+            sets = solve_complete(robot, poses, (joint, values))
+        nowhere = jnp.all(sets.status == IKStatus.UNREACHABLE, axis=1) & (joint is None)
+        reason = jnp.where(nowhere, UnreachableReason.NO_SOLUTION, UnreachableReason.NONE)
+
+        def pooled(x: jax.Array) -> jax.Array:
+            return x.reshape(len(poses), -1, *x.shape[3:])
+
+        q, found, *errors = map(
+            pooled, (sets.q, sets.found, sets.position_error, sets.rotation_error)
+        )
+        found = found & ~duplicates(q, found, periodic)
+        vectors = JointVectors.unlabelled(q, found, *errors)
+        ranked = rank(vectors, limits, periodic, SLOTS)
+        return Answer(ranked, reason.astype(jnp.int32), jnp.zeros_like(nowhere))
+
+    return assemble(in_chunks(answers, target.pose), target, limits, periodic)
+
+
+def spare(robot: Robot) -> ClosedFormPlan | None:
+    """The plan for an arm with a joint to spare, by the arm angle if it has one; None for others.
+
+    Whatever such an arm can reach it reaches with any arm angle, but not with any value of a joint.
+    """
+    plans = [plan for plan in robot.plans if plan.locked is not None or plan.by_arm_angle]
+    return max(plans, key=lambda plan: plan.by_arm_angle, default=None)

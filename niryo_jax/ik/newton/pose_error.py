@@ -1,0 +1,89 @@
+"""By how much a joint vector misses a pose."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+
+from niryo_jax import lanes
+from niryo_jax.chain import Motion, compose, joint_motion
+from niryo_jax.jacobian import pose_and_jacobian
+from niryo_jax.lanes import Lane, Lanes
+from niryo_jax.lie import se3
+from niryo_jax.specialise import Geometry
+from niryo_jax.tolerances import IK_POSITION, IK_ROTATION, OFF_TASK
+
+Frame = Literal["body", "space"]
+
+
+def error_twist(
+    geometry: Geometry, target: Lanes, q: Lanes, frame: Frame
+) -> tuple[Lanes, Lanes, Lane]:
+    """The twist from tool to target, the Jacobian in the same frame, and the position error."""
+    (rotation, position), jacobian = pose_and_jacobian(geometry, q, frame, materialise=True)
+    goal_rotation, goal = se3.split(target)
+    away = goal - position
+    turn = lanes.materialised(rotation.T @ goal_rotation)
+    twist = se3.log_lanes(turn, rotation.T @ away)
+    if frame == "space":
+        twist = se3.adjoint_lanes(rotation, position, twist)
+    return twist, jacobian, lanes.norm(away)
+
+
+def pose_errors(geometry: Geometry, target: jax.Array, q: Lanes) -> tuple[jax.Array, jax.Array]:
+    """Metres and radians by which joint vectors that nearly reach (..., 4, 4) targets miss them."""
+    motion: Motion | None = None
+    for joint, angle in enumerate(q):
+        step = joint_motion(geometry, joint, angle, materialise=True)
+        motion = step if motion is None else compose(motion, step)
+        if joint == geometry.joints // 2:
+            # Both errors need the whole chain; half of it is kept rather than computed twice.
+            rotation, position = (lanes.materialised(part) for part in motion)
+            motion = rotation, position
+    home = se3.split(geometry.home)
+    rotation, position = home if motion is None else compose(motion, home)
+    goal = se3.split(lanes.contiguous_lanes(target, 2))
+    metres, radians = map(lanes.materialise, pose_difference((rotation, position), goal))
+    return metres.array, radians.array
+
+
+def pose_difference(first: Motion, second: Motion) -> tuple[Lane, Lane]:
+    """Metres and radians between two poses that are all but the same."""
+    away = (first[0] - second[0]).ravel()
+    # The Frobenius norm is 2 sqrt(2) sin(angle / 2): the angle itself where that matters.
+    return lanes.norm(first[1] - second[1]), lanes.norm(away) * math.sqrt(0.5)
+
+
+def within_tolerance(
+    position: jax.Array,
+    rotation: jax.Array,
+    share: jax.Array | float = 1.0,
+    size: jax.Array | float = 1.0,
+) -> jax.Array:
+    """Whether misses are within that share of what a solution of that `extent` may miss by."""
+    dtype = position.dtype
+    near = position < share * size * IK_POSITION.of(dtype)
+    return near & (rotation < share * IK_ROTATION.of(dtype))
+
+
+def extent(pose: jax.Array) -> jax.Array:
+    """(..., 4, 4) -> (...,): how far away a pose is, metres, or 1 where it is nearer.
+
+    Rounding of a position grows with it: a gantry is tens of metres long.
+    """
+    return jnp.maximum(1.0, jnp.max(jnp.abs(pose[..., :3, 3]), axis=-1))
+
+
+def may_take_pose(joints: int, position: jax.Array, rotation: jax.Array) -> jax.Array:
+    """Whether a root of a closed form that misses may still be a solution, but for rounding.
+
+    With fewer than six joints the closed form satisfies fewer conditions than a pose has, and most
+    poses are missed by far.
+    """
+    if joints >= 6:
+        return jnp.ones(position.shape, bool)
+    far = OFF_TASK.of(position.dtype)
+    return (position < far) & (rotation < far)

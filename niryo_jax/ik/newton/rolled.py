@@ -1,0 +1,158 @@
+"""Kinematics in loops over the joints: programs that are small, for batches or parts that are.
+
+Elsewhere a formula is written out joint by joint, which XLA turns into one fast loop over the
+batch, and compiles for long. Here the joints are the loop, with the batch as the last axis.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from niryo_jax import lanes
+from niryo_jax.chain import Motion, joint_motion
+from niryo_jax.ik.newton.pose_error import pose_difference
+from niryo_jax.lanes import Lane, Lanes
+from niryo_jax.lie import se3
+from niryo_jax.specialise import Geometry
+
+
+class _Joint(NamedTuple):
+    """What the loop reads of each joint: screws (n, 6) or (n, 6, r), and whether it slides (n,)."""
+
+    screws: jax.Array
+    slides: np.ndarray
+    kind: str
+
+
+def _joints_of(geometry: Geometry, dtype: np.dtype) -> _Joint:
+    entries = [jnp.asarray(lane.value, dtype) for lane in geometry.screws.ravel()]
+    shape = jnp.broadcast_shapes(*(x.shape for x in entries))
+    entries = [jnp.broadcast_to(x, shape) for x in entries]
+    screws = jnp.stack(entries).reshape(geometry.joints, 6, *shape)
+    kinds = set(geometry.kinds)
+    slides = np.array([kind == "prismatic" for kind in geometry.kinds])
+    # The formula of a helical joint holds for revolute ones too.
+    kind = kinds.pop() if len(kinds) == 1 else "any" if "any" in kinds else "helical"
+    return _Joint(screws, slides, kind)
+
+
+def _moved(joint: _Joint, geometry: Geometry, i: jax.Array, angle: jax.Array) -> tuple[Lanes, ...]:
+    """The screw of joint i as lanes, and its motion."""
+    screw = lanes.lanes_of([Lane(joint.screws[i][k]) for k in range(6)])
+    one = Geometry(screw[None], geometry.home, (joint.kind,))
+    rotation, position = joint_motion(one, 0, Lane(angle), materialise=True)
+    if joint.slides.any() and not joint.slides.all():
+        slides = jnp.asarray(joint.slides)[i]
+        position = lanes.choose(slides, screw[3:] * Lane(angle), position)
+        rotation = lanes.choose(slides, lanes.identity(3), rotation)
+    return screw, rotation, position
+
+
+def _stacked(parts: Lanes, like: jax.Array) -> jax.Array:
+    return jnp.stack(
+        [jnp.broadcast_to(jnp.asarray(x.value, like.dtype), like.shape) for x in parts]
+    )
+
+
+def pose_and_body_jacobian(geometry: Geometry, q: jax.Array) -> tuple[Lanes, Lanes, jax.Array]:
+    """Rotation (3, 3) and position (3,) lanes of the tool, and the body Jacobian (6, n, r).
+
+    Args:
+        geometry: the arm, or one for each of the r rows.
+        q: (n, r) joint vectors.
+    """
+    return _walk(geometry, q, jacobian=True)
+
+
+def _walk(geometry: Geometry, q: jax.Array, jacobian: bool) -> tuple[Lanes, Lanes, jax.Array]:
+    joint, n, row = _joints_of(geometry, q.dtype), geometry.joints, q[0]
+
+    def step(i: jax.Array, state: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        motion, columns = state
+        entries = lanes.lanes_of([Lane(motion[k]) for k in range(12)])
+        rotation, position = entries[:9].reshape(3, 3), entries[9:]
+        screw, turn, shift = _moved(joint, geometry, i, q[i])
+        if jacobian:
+            column = se3.adjoint_lanes(rotation, position, screw)
+            columns = columns.at[:, i].set(_stacked(column, row))
+        after = np.concatenate([(rotation @ turn).ravel(), rotation @ shift + position])
+        return _stacked(after, row), columns
+
+    start = _stacked(np.concatenate([lanes.identity(3).ravel(), lanes.lanes_of([0.0] * 3)]), row)
+    columns = jnp.zeros((6, n if jacobian else 0, *row.shape), q.dtype)
+    motion, columns = jax.lax.fori_loop(0, n, step, (start, columns))
+    entries = lanes.lanes_of([Lane(motion[k]) for k in range(12)])
+    rotation, position = entries[:9].reshape(3, 3), entries[9:]
+    home_rotation, home = se3.split(geometry.home)
+    rotation, position = rotation @ home_rotation, rotation @ home + position
+    rotation, position = lanes.materialised(rotation), lanes.materialised(position)
+    if jacobian:
+        space = lanes.lanes_of([Lane(columns[k]) for k in range(6)])
+        body = se3.inverse_adjoint_lanes(rotation, position, space)
+        columns = _stacked(body, columns[0])
+    return rotation, position, columns
+
+
+Errors = tuple[jax.Array, jax.Array]
+"""Metres and radians (r,)."""
+
+
+def _errors(pose: Motion, goal: Lanes, like: jax.Array) -> Errors:
+    metres, radians = pose_difference(pose, se3.split(goal))
+    return jnp.broadcast_to(metres.array, like.shape), jnp.broadcast_to(radians.array, like.shape)
+
+
+def pose_errors(geometry: Geometry, goal: Lanes, q: jax.Array) -> Errors:
+    """By how much joint vectors (n, r) miss goals, (4, 4) lanes."""
+    rotation, position, _ = _walk(geometry, q, jacobian=False)
+    return _errors((rotation, position), goal, q[0])
+
+
+def near_twist(
+    geometry: Geometry, goal: Lanes, q: jax.Array
+) -> tuple[jax.Array, jax.Array, Errors]:
+    """The body twist (6, r) to goals, (4, 4) lanes, that are all but reached; the body Jacobian
+    (6, n, r); and `pose_errors`.
+
+    Half the difference of R and R^T stands for the logarithm of R: the two have the same derivative
+    at the identity.
+    """
+    rotation, position, jacobian = pose_and_body_jacobian(geometry, q)
+    goal_rotation, goal_position = se3.split(goal)
+    turn = lanes.vee(rotation.T @ goal_rotation)
+    twist = np.concatenate([turn, rotation.T @ (goal_position - position)])
+    return _stacked(twist, q[0]), jacobian, _errors((rotation, position), goal, q[0])
+
+
+def pseudo_inverse(matrix: jax.Array, tolerance: float) -> jax.Array:
+    """(m, n, ...) -> (n, m, ...): what gives the least solution, by modified Gram-Schmidt.
+
+    A row (a column where m > n) that is independent of those before it by less than the share
+    `tolerance` is left out: the others are solved for, and nothing becomes infinite.
+    """
+    m, n = matrix.shape[:2]
+    if m > n:
+        return jnp.swapaxes(pseudo_inverse(jnp.swapaxes(matrix, 0, 1), tolerance), 0, 1)
+    batch = matrix.shape[2:]
+    number = jnp.arange(m).reshape(m, *[1] * (len(batch) + 1))
+    whole = jnp.sum(matrix * matrix, axis=1)
+
+    def step(i: jax.Array, state: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+        rows, right, inverse = state
+        row = rows[i]
+        square = jnp.sum(row * row, axis=0)
+        independent = square > tolerance * tolerance * whole[i]
+        per = jnp.where(independent, 1.0 / jnp.sqrt(jnp.where(independent, square, 1.0)), 0.0)
+        unit, of_row = row * per, right[i] * per
+        inverse = inverse + unit[:, None] * of_row[None]
+        # What is left of the rows behind it has no part along it.
+        part = jnp.where(number > i, jnp.sum(rows * unit[None], axis=1)[:, None], 0.0)
+        return rows - part * unit[None], right - part * of_row[None], inverse
+
+    eye = jnp.eye(m, dtype=matrix.dtype).reshape(m, m, *[1] * len(batch))
+    start = matrix, jnp.broadcast_to(eye, (m, m, *batch)), jnp.zeros((n, m, *batch), matrix.dtype)
+    return jax.lax.fori_loop(0, m, step, start)[2]

@@ -1,0 +1,97 @@
+"""The one condition of an offset-wrist arm along its curve: at a point, and at nodes of it all."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from niryo_jax import lanes
+from niryo_jax.ik.offset_wrist.parameters import OffsetWristParameters
+from niryo_jax.ik.offset_wrist.posture import Posture, posture
+from niryo_jax.ik.offset_wrist.remainder_bound import pose_rounding, proves, remainder_bound
+from niryo_jax.ik.offset_wrist.wrist_circle import WristCircle
+from niryo_jax.lanes import Lane
+
+NODES = 16
+SEGMENTS = 4
+SHARE = NODES // SEGMENTS
+WIDTH = np.pi / NODES
+
+
+class Point(NamedTuple):
+    """A point of the curve: the condition, the posture, and sine and cosine of t."""
+
+    f: jax.Array
+    posture: Posture
+    sin_cos: tuple[Lane, Lane]
+
+
+def branch_signs(branch: jax.Array, dtype: jax.typing.DTypeLike) -> tuple[Lane, Lane]:
+    """The signs of elbow and shoulder of a branch 0..3."""
+    one = jnp.ones(branch.shape, dtype)
+    elbow, shoulder = branch < 2, branch % 2 == 0
+    return Lane(jnp.where(elbow, one, -one)), Lane(jnp.where(shoulder, one, -one))
+
+
+def at(
+    arm: OffsetWristParameters, circle: WristCircle, signs: tuple[Lane, Lane], t: jax.Array
+) -> Point:
+    """The condition at t, on the branch of the signs of elbow and shoulder."""
+    sin, cos = lanes.sincos(Lane(t))
+    sin_cos = lanes.materialise(sin), lanes.materialise(cos)
+    found = posture(arm, circle, sin_cos, *signs)
+    return Point(lanes.materialise(found.dot - arm.wrist_angle).array, found, sin_cos)
+
+
+def scan(
+    arm: OffsetWristParameters,
+    circle: WristCircle,
+    batch: int,
+    dtype: jax.typing.DTypeLike,
+    given: jax.typing.DTypeLike,
+) -> tuple[jax.Array, jax.Array]:
+    """The condition all along the curve.
+
+    Args:
+        arm, circle: the numbers of the arm and of the targets.
+        batch: how many targets.
+        dtype: of the numbers.
+        given: the dtype in which the targets are given.
+
+    Returns:
+        (4, NODES + 1, batch) f of each branch at the nodes; and (4, NODES, batch) of which
+        intervals it `proves` what they hold, with one bound for each of SEGMENTS segments.
+    """
+    # Elbow and shoulder on axes of their own: what one of them does not change is shared.
+    one = jnp.array([1.0, -1.0], dtype)
+    signs = Lane(one.reshape(2, 1, 1, 1)), Lane(one.reshape(2, 1, 1))
+
+    def posture_at(number: np.ndarray) -> tuple[Posture, tuple[Lane, Lane]]:
+        t = node(number)
+        # The ends of the curve are where an arc's ends meet: exactly there, not almost.
+        cos = np.where(number % NODES == 0, 0.0, np.cos(t))
+        sin_t, cos_t = (Lane(jnp.asarray(x[:, None], dtype)) for x in (np.sin(t), cos))
+        return posture(arm, circle, (sin_t, cos_t), *signs), (sin_t, cos_t)
+
+    def branches(lane: Lane, by: Lane, nodes: int) -> jax.Array:
+        array = jnp.broadcast_to(lanes.materialise(lane, by).array, (2, 2, nodes, batch))
+        return array.reshape(4, nodes, batch)
+
+    nodes = posture_at(np.arange(NODES + 1))[0]
+    f = nodes.dot - arm.wrist_angle
+    middle, sin_cos = posture_at(SHARE * np.arange(SEGMENTS) + SHARE // 2)
+    remainder = remainder_bound(arm, circle, middle, sin_cos, np.pi / 2 / SEGMENTS)
+    values = branches(f, f, NODES + 1)
+    bound = jnp.repeat(branches(remainder, middle.dot, SEGMENTS), SHARE, axis=1)
+    # |sin E| is least at one end of an interval: sin^2(E/2) is monotone between nodes.
+    sine = branches(abs(nodes.elbow[1]), f, NODES + 1)
+    rounding = pose_rounding(jnp.minimum(sine[:, :-1], sine[:, 1:]), given)
+    return values, proves(bound, WIDTH, values[:, :-1], values[:, 1:], rounding)[0]
+
+
+def node(number: np.ndarray) -> np.ndarray:
+    """t at the nodes 0..NODES."""
+    return -np.pi / 2 + WIDTH * number

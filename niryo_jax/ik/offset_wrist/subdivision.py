@@ -1,0 +1,265 @@
+"""Every root of the one condition of an offset-wrist arm, by subdivision with a proof.
+
+Each interval of the curve is halved until it is proved to hold no root or exactly one (`bounds`),
+so that work goes where the function bends: near the edges of reach, near axis 1, and where roots
+nearly touch. The intervals of all poses wait on one stack; every step takes the top of it, so that
+the program has fixed shapes while the depth is as large as a pose asks.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from niryo_jax import lanes
+from niryo_jax.execution.compaction import running_count
+from niryo_jax.ik.offset_wrist import condition
+from niryo_jax.ik.offset_wrist.parameters import OffsetWristParameters
+from niryo_jax.ik.offset_wrist.posture import Posture, posture_or_crossing
+from niryo_jax.ik.offset_wrist.remainder_bound import pose_rounding, proves, remainder_bound
+from niryo_jax.ik.offset_wrist.wrist_circle import WristCircle
+from niryo_jax.lanes import Lane, RecordRows
+from niryo_jax.tolerances import (
+    CONDITION_ROUNDING,
+    NARROWEST,
+    ON_AXIS_1,
+    SQUARE_ROOT_END,
+    VANISHING,
+)
+
+_WIDTH = 512
+_DEPTH = 48
+_ITEMS = 8192
+_ROOTS, _MORE_ROOTS = 36, 512
+_REFINEMENTS = 9
+BRACKET, TOUCHING, CROSSING, SELF_MOTION = 0, 1, 2, 3
+
+
+class Roots(NamedTuple):
+    """Where the roots of many poses are, in one list.
+
+    Attributes:
+        pose: (r,) the row each belongs to; out of range behind the last.
+        intervals: (r, 6) what `posture_of` makes a posture of.
+        number: how many there are, unless it is more than there are places.
+        complete: (rows,) whether the roots of a row are proved to be all.
+    """
+
+    pose: jax.Array
+    intervals: jax.Array
+    number: jax.Array
+    complete: jax.Array
+
+    @property
+    def kind(self) -> jax.Array:
+        """(r,) `BRACKET`, `TOUCHING`, `CROSSING` (of axis 1), or `SELF_MOTION`."""
+        return self.intervals[:, 1].astype(jnp.int32) // 4
+
+
+class _State(NamedTuple):
+    # Rows (pose, kind * 4 + branch, low, high, f(low), f(high)).
+    stack: jax.Array
+    size: jax.Array
+    roots: jax.Array
+    number: jax.Array
+    steps: jax.Array
+
+
+def find_roots(
+    arm: OffsetWristParameters, circles: RecordRows[WristCircle], live: jax.Array
+) -> Roots:
+    """All roots of the condition for a set of poses.
+
+    Args:
+        arm: the numbers of the arm.
+        circles: the circle of each pose.
+        live: (rows,) which rows to solve.
+    """
+    rows, dtype = len(circles.array), circles.array.dtype
+    most = _ROOTS * rows + min(_MORE_ROOTS, 128 * rows)
+    # Few poses have few intervals that are open at once.
+    width = min(_WIDTH, 64 * rows)
+    steps = -(-_ITEMS * rows // width)
+    first, certain, start = _first_intervals(arm, circles, live)
+    stack = jnp.zeros((first.shape[0] + width * _DEPTH, 6), dtype)
+    stack, size = _append(stack, jnp.int32(0), first, ~certain)
+    roots = jnp.full((most, 6), -1.0, dtype)
+    roots, count = _append(roots, jnp.int32(0), first, start)
+    state = _State(stack, size, roots, count, jnp.int32(0))
+    state = jax.lax.while_loop(
+        lambda state: (state.size > 0) & (state.steps < steps),
+        lambda state: _step(arm, circles, width, state),
+        state,
+    )
+    roots, count, unproved = jax.lax.cond(
+        state.size > 0,
+        lambda state: _give_up(state, rows),
+        lambda state: (state.roots, state.number, jnp.zeros(rows, bool)),
+        state,
+    )
+    pose = jnp.where(jnp.arange(most) < count, roots[:, 0].astype(jnp.int32), rows)
+    return Roots(pose, roots, count, live & ~unproved & (count <= most))
+
+
+def posture_of(arm: OffsetWristParameters, circle: WristCircle, intervals: jax.Array) -> Posture:
+    """The posture of each root (r, 6), given the circle of the pose it belongs to."""
+    code = intervals[:, 1].astype(jnp.int32)
+    kind = code // 4
+    signs = condition.branch_signs(code % 4, intervals.dtype)
+    t = _refine(arm, circle, signs, kind == BRACKET, intervals)
+    if not arm.is_planar:
+        return condition.at(arm, circle, signs, t).posture.materialised()
+    sin, cos = lanes.sincos(Lane(t))
+    sin_cos = lanes.materialise(sin), lanes.materialise(cos)
+    crossing = kind == CROSSING
+    return posture_or_crossing(arm, circle, sin_cos, *signs, crossing).materialised()
+
+
+def _give_up(state: _State, rows: int) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """What is left when the work runs out is not proved; its sign changes are still roots."""
+    waiting = jnp.arange(state.stack.shape[0]) < state.size
+    pose = jnp.where(waiting, state.stack[:, 0].astype(jnp.int32), rows)
+    unproved = jnp.zeros(rows, bool).at[pose].set(True, mode="drop")
+    changing = waiting & ((state.stack[:, 4] > 0) != (state.stack[:, 5] > 0))
+    return *_append(state.roots, state.number, state.stack, changing), unproved
+
+
+def _first_intervals(
+    arm: OffsetWristParameters, circles: RecordRows[WristCircle], live: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """The intervals to begin with, (i, 6), which of them are settled, which hold a root."""
+    rows, dtype = len(circles.array), circles.array.dtype
+    f, certain = condition.scan(arm, circles[:], rows, dtype, dtype)
+    before, after = f[:, :-1], f[:, 1:]
+    number = np.arange(condition.NODES)[:, None]
+    fields = [
+        jnp.arange(rows, dtype=dtype),
+        jnp.arange(4, dtype=dtype).reshape(4, 1, 1),
+        *(jnp.asarray(condition.node(n), dtype) for n in (number, number + 1)),
+        before,
+        after,
+    ]
+    # Where the condition vanishes all along a branch, the arm moves while the tool rests: one
+    # posture stands for all.
+    still = jnp.max(jnp.abs(f), axis=1, keepdims=True) < VANISHING.of(dtype)
+    one = still & (number == 0)
+    start = live & ((certain & ((before > 0) != (after > 0)) & ~still) | one)
+    fields[1] = fields[1] + 4 * SELF_MOTION * one.astype(dtype)
+    items = jnp.stack([jnp.broadcast_to(x, before.shape) for x in fields], -1).reshape(-1, 6)
+    return items, (certain | still | ~live).reshape(-1), start.reshape(-1)
+
+
+def _append(
+    rows: jax.Array, count: jax.Array, new: jax.Array, which: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Write the chosen rows of `new` behind the first `count` rows."""
+    place, total = running_count(which)
+    place = jnp.where(which, count + place - 1, rows.shape[0])
+    return rows.at[place].set(new, mode="drop"), count + total
+
+
+def _step(
+    arm: OffsetWristParameters, circles: RecordRows[WristCircle], width: int, state: _State
+) -> _State:
+    """Take the top intervals off the stack, prove what can be proved, push halves of the rest."""
+    dtype = circles.array.dtype
+    start = jnp.maximum(state.size - width, 0)
+    items = jax.lax.dynamic_slice_in_dim(state.stack, start, width)
+    live = start + jnp.arange(width) < state.size
+    pose, code, low, high, f_low, f_high = (lane.array for lane in lanes.contiguous_lanes(items))
+    branch = code % 4
+    signs = condition.branch_signs(branch.astype(jnp.int32), dtype)
+    middle, reach = 0.5 * (low + high), 0.5 * (high - low)
+    circle = circles[pose.astype(jnp.int32)]
+    f_middle, found, t = condition.at(arm, circle, signs, middle)
+    remainder = lanes.materialise(
+        remainder_bound(arm, circle, found, t, Lane(reach)), by=Lane(f_middle)
+    ).array
+    # |dE/dt| is at most 2.
+    sine = lanes.materialise(abs(found.elbow[1]), by=Lane(f_middle)).array
+    rounding = pose_rounding(sine - 2.0 * reach, dtype)
+    touching = jnp.abs(f_middle) < jnp.maximum(SQUARE_ROOT_END, rounding)
+    crossing = jnp.zeros_like(live)
+    if arm.is_planar:
+        distance = lanes.materialise(found.from_axis_1 + arm.radius * 2.0 * reach)
+        crossing = jnp.asarray(distance < ON_AXIS_1.of(dtype) * arm.radius)
+
+    halves, certain, roots = list[jax.Array](), list[jax.Array](), list[jax.Array]()
+    for a, b, f_a, f_b in ((low, middle, f_low, f_middle), (middle, high, f_middle, f_high)):
+        change = (f_a > 0) != (f_b > 0)
+        proved, sag = proves(remainder, reach, f_a, f_b, rounding)
+        flat = sag + reach * reach * 1e-2 < CONDITION_ROUNDING.of(dtype)
+        narrow = flat | (reach < NARROWEST.of(dtype))
+        # Each half of a crossing stands for one of its two roots, on whatever branch it is met.
+        of_root = 2 * (branch // 2) + len(halves) + 4 * CROSSING
+        code = branch + 4 * jnp.where(proved, BRACKET, TOUCHING).astype(dtype)
+        code = jnp.where(crossing, of_root, code)
+        halves.append(jnp.stack([pose, code, a, b, f_a, f_b], -1))
+        roots.append(live & (crossing | jnp.where(proved, change, narrow & touching)))
+        certain.append(proved | narrow | crossing | ~live)
+    if not arm.is_planar:
+        nowhere = live & _is_infeasible(arm, found, t, circle, reach)
+        roots = [root & ~nowhere for root in roots]
+        certain = [done | nowhere for done in certain]
+    both, is_root, is_open = (
+        jnp.concatenate(halves),
+        jnp.concatenate(roots),
+        ~jnp.concatenate(certain),
+    )
+    stack, size = _append(state.stack, start, both, is_open)
+    found_roots, count = _append(state.roots, state.number, both, is_root)
+    return _State(stack, size, found_roots, count, state.steps + 1)
+
+
+def _is_infeasible(
+    arm: OffsetWristParameters,
+    found: Posture,
+    t: tuple[Lane, Lane],
+    circle: WristCircle,
+    reach: jax.Array,
+) -> jax.Array:
+    """Whether the wrist is so near axis 1 all over the interval that no theta_1 reaches it."""
+    r, step = arm.radius, arm.radius * 2.0 * reach
+    slope = abs(arm.shoulder_angle[0]) / arm.shoulder_angle[1]
+    aside = abs(found.out_of_plane) + slope * step
+    rate = 2.0 * r * ((found.from_axis_1 + step) + aside * slope)
+    return jnp.asarray(found.inside + rate * (2.0 * reach) < 0.0)
+
+
+def _refine(
+    arm: OffsetWristParameters,
+    circle: WristCircle,
+    signs: tuple[Lane, Lane],
+    bracket: jax.Array,
+    intervals: jax.Array,
+) -> jax.Array:
+    """The root in each bracket (regula falsi, Anderson and Bjoerck's weights), or its middle."""
+    _, _, low, high, f_low, f_high = (lane.array for lane in lanes.contiguous_lanes(intervals))
+    middle = 0.5 * (low + high)
+    rounding = CONDITION_ROUNDING.of(intervals.dtype)
+
+    def body(
+        _: int, state: tuple[jax.Array, jax.Array, jax.Array, jax.Array]
+    ) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+        # b is the newest point; the root lies between a and b.
+        a, b, f_a, f_b = state
+        slope = f_b - f_a
+        # At rounding level the weights would throw a converged root back towards the other end.
+        stay = (slope == 0) | (jnp.abs(f_b) < 0.25 * rounding)
+        c = jnp.where(stay, b, b - f_b * (b - a) / jnp.where(stay, 1.0, slope))
+        f_c = condition.at(arm, circle, signs, c).f
+        same = (f_c > 0) == (f_b > 0)
+        weight = 1.0 - f_c / jnp.where(f_b == 0, 1.0, f_b)
+        weight = jnp.where(weight > 0, weight, 0.5)
+        return (
+            jnp.where(same, a, b),
+            c,
+            jnp.where(same, f_a * jnp.where(same, weight, 1.0), f_b),
+            f_c,
+        )
+
+    _, t, _, _ = jax.lax.fori_loop(0, _REFINEMENTS, body, (low, high, f_low, f_high))
+    return jnp.where(bracket, t, middle)

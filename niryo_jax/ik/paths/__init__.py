@@ -1,0 +1,1 @@
+"""Inverse kinematics along paths: one branch followed, the nearest pose that can be reached."""

@@ -1,0 +1,1 @@
+"""From candidates to `IKSolutions`: limits, duplicates, order, status."""

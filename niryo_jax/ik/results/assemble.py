@@ -1,0 +1,52 @@
+"""The last station: `IKSolutions` of an answer, with the status of each pose."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from niryo_jax.ik.results.limits import Limits
+from niryo_jax.ik.results.ranking import Answer
+from niryo_jax.ik.results.solutions import IKSolutions
+from niryo_jax.ik.results.status import IKStatus, UnreachableReason
+from niryo_jax.ik.target import Target
+
+
+def assemble(
+    answer: Answer, target: Target, limits: Limits, periodic: tuple[bool, ...]
+) -> IKSolutions:
+    """`IKSolutions` of an answer to targets."""
+    solutions = answer.solutions
+    count = jnp.sum(solutions.found, axis=-1, dtype=jnp.int32)
+    status = jnp.select(
+        [
+            ~target.valid,
+            jnp.any(solutions.within, axis=-1),
+            count > 0,
+            answer.unreachable != UnreachableReason.NONE,
+        ],
+        [
+            jnp.int32(IKStatus.INVALID_POSE),
+            jnp.int32(IKStatus.SOLVED),
+            jnp.int32(IKStatus.OUTSIDE_LIMITS),
+            jnp.int32(IKStatus.UNREACHABLE),
+        ],
+        jnp.int32(IKStatus.UNDECIDED),
+    )
+    unreachable = status == IKStatus.UNREACHABLE
+    return IKSolutions(
+        q=solutions.q,
+        found=solutions.found,
+        within_limits=solutions.within,
+        position_error=solutions.position_error,
+        rotation_error=solutions.rotation_error,
+        label=solutions.label,
+        singularity=solutions.singularity,
+        status=status,
+        unreachable_reason=jnp.where(unreachable, answer.unreachable, UnreachableReason.NONE),
+        complete=answer.proved & target.valid,
+        count=count,
+        pose_distance=target.distance,
+        lower=limits[0],
+        upper=limits[1],
+        periodic=periodic,
+    )

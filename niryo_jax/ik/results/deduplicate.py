@@ -1,0 +1,115 @@
+"""The different joint vectors of each pose."""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from niryo_jax import lanes
+from niryo_jax.execution.compaction import running_count
+from niryo_jax.ik.results.limits import without_whole_turns
+from niryo_jax.lanes import Lanes
+from niryo_jax.tolerances import SAME_SOLUTION
+
+
+def distinct(q: jax.Array, owner: jax.Array, rows: int, most: int) -> tuple[jax.Array, jax.Array]:
+    """The joint vectors of each owner that are not the same as another, up to whole turns.
+
+    Args:
+        q: (r, n) joint vectors.
+        owner: (r,) to whom each belongs, 0..rows - 1; `rows` for those that do not count.
+        rows: how many owners there are.
+        most: how many joint vectors an owner may have.
+
+    Returns:
+        (most, rows) the numbers of the joint vectors of each owner, -1 where there is none, and
+        (rows,) whether an owner has more than fit.
+    """
+    # Equal joint vectors share their number, so that they are neighbours.
+    order = _grouped(owner, _signature(q))
+    owner = owner[order]
+    kept = (owner < rows) & ~_repeats(q[order], owner)
+    count, _ = running_count(kept)
+    first = jnp.searchsorted(owner, jnp.arange(rows))
+    before = jnp.where(first > 0, count[first - 1], 0)
+    place = count - 1 - before[jnp.minimum(owner, rows - 1)]
+    fits = kept & (place < most)
+    table = jnp.full((most, rows), -1, jnp.int32)
+    table = table.at[jnp.where(fits, place, most), owner].set(order, mode="drop")
+    crowded = jnp.zeros(rows, bool).at[jnp.where(kept & ~fits, owner, rows)]
+    return table, crowded.set(True, mode="drop")
+
+
+def _signature(q: jax.Array) -> jax.Array:
+    """A number between 0 and 1/2 for joint vectors (r, n), the same for whole turns."""
+    total = jnp.zeros(q.shape[0], q.dtype)
+    for joint, angle in enumerate(lanes.unpack(q)):
+        # Nothing about these numbers matters but that no symmetry of an arm is one of theirs.
+        total = total + math.cos(joint) * lanes.sincos(angle + (0.3 + 0.7 * joint))[0].array
+    return 0.25 + 0.05 * total
+
+
+def _grouped(owner: jax.Array, signature: jax.Array) -> jax.Array:
+    """An order of the rows by owner, and for each by a number between 0 and 1/2."""
+    # XLA on the CPU sorts lone integers ten times faster than floats or pairs: each row's number
+    # goes with its key, so that a sort keeps what those before it have ordered.
+    number = jnp.arange(owner.shape[0], dtype=jnp.int32)
+    bits = owner.shape[0].bit_length()
+    levels = 1 << (31 - bits)
+
+    def sort(order: jax.Array, key: jax.Array) -> jax.Array:
+        return order[jnp.sort((key[order] << bits) | number) & ((1 << bits) - 1)]
+
+    # The number's second digit, its first, then the owner.
+    high = (signature * levels).astype(jnp.int32)
+    low = ((signature * levels - high) * levels).astype(jnp.int32)
+    return functools.reduce(sort, (low, high, owner), number)
+
+
+def _repeats(q: jax.Array, owner: jax.Array) -> jax.Array:
+    """Whether a joint vector (r, n) of the same pose is equal to one of the three before it."""
+    repeats = jnp.zeros(owner.shape, bool)
+    for shift in (1, 2, 3):
+        turn = jnp.abs(q[shift:] - q[:-shift])
+        turn = jnp.minimum(turn, 2 * np.pi - turn)
+        same = jnp.all(turn < SAME_SOLUTION.of(q.dtype), axis=1)
+        same = same & (owner[shift:] == owner[:-shift])
+        repeats = repeats | jnp.pad(same, (shift, 0))
+    return repeats
+
+
+def different(
+    exists: jax.Array, q: Lanes, periodic: tuple[bool, ...], dtype: np.dtype
+) -> jax.Array:
+    """The candidates that exist, but for those that are the same as another one.
+
+    Args:
+        exists: (2, ..., 2, batch), an axis for each sign.
+        q: n lanes that broadcast to this shape. Where two candidates that differ in one sign alone
+            are the same, the later is left out.
+        periodic: n flags, True for a joint that returns to its place after 2 pi.
+        dtype: of the computation.
+    """
+    out = exists
+    for axis in range(exists.ndim - 1):
+        first, second = jnp.take(exists, 0, axis), jnp.take(exists, 1, axis)
+        same = first & second
+        for lane, turns in zip(q, periodic):
+            value = jnp.broadcast_to(lane.array, exists.shape)
+            apart = jnp.abs(jnp.take(value, 1, axis) - jnp.take(value, 0, axis))
+            apart = jnp.minimum(apart, 2 * np.pi - apart) if turns else apart
+            same = same & (apart < SAME_SOLUTION.of(dtype))
+        out = out & ~jnp.stack([jnp.zeros_like(same), same], axis=axis)
+    return out
+
+
+def duplicates(q: jax.Array, converged: jax.Array, periodic: tuple[bool, ...]) -> jax.Array:
+    """(..., m): whether a joint vector is the same as one before it, up to whole turns."""
+    apart = jnp.abs(without_whole_turns(q[..., :, None, :] - q[..., None, :, :], periodic))
+    same = jnp.all(apart < SAME_SOLUTION.of(q.dtype), axis=-1) & converged[..., None, :]
+    before = jnp.tri(q.shape[-2], k=-1, dtype=bool)
+    return jnp.any(same & before, axis=-1) & converged

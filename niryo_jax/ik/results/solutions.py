@@ -1,0 +1,153 @@
+"""The one result type of inverse kinematics."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable
+
+import jax
+import jax.export
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from niryo_jax.ik.results.limits import nearest_turn
+from niryo_jax.ik.results.status import IKStatus, Singularity, UnreachableReason
+from niryo_jax.jacobian import manipulability
+from niryo_jax.lanes.batching import as_floating, check_shape
+from niryo_jax.robot import Robot
+
+SLOTS = 16
+"""The most that are returned; a six-axis arm has at most 16 isolated solutions (Manseur & Doty)."""
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class IKSolutions:
+    """All solutions found for a batch of poses, best first.
+
+    Attributes:
+        q: (..., slots, n) joint vectors; angles in (-pi, pi], or the 2 pi turn within the limits.
+            Slots that are not `found` hold zeros.
+        found: (..., slots) whether the slot holds a solution.
+        within_limits: (..., slots) whether it is also within the joint limits.
+        position_error, rotation_error: (..., slots) metres and radians by which forward kinematics
+            of q misses the pose; infinite where not `found`.
+        label: (..., slots) which solution this is: 1 if the wrist reaches behind axis 1 (along
+            P2 of docs/theory/complete-ik.md), plus 2 if the elbow angle is positive, plus 4 if
+            theta_5 is, plus 8 times the number of solutions before it that are alike in all three
+            (which can change along a path); for the other families the number of the choice of
+            roots; -1 where not `found`, or where the method has none.
+        singularity: (..., slots) a `Singularity`; derivatives there are the least that follow the
+            pose, and not those of an isolated solution.
+        status: (...,) an `IKStatus`.
+        unreachable_reason: (...,) an `UnreachableReason`: what proves that an UNREACHABLE pose is.
+        complete: (...,) whether it is proved that there are no other solutions (for the value of
+            the joint that is locked, if one is).
+        count: (...,) the number of solutions found.
+        pose_distance: (...,) distance of the pose as given from the rigid motion that was
+            solved for (Frobenius norm).
+        lower, upper: (n,) the joint limits used.
+        periodic: n flags, True for a joint that returns to its place after 2 pi; static.
+
+    Solutions within the limits come first, those with the largest margin to the limits
+    before the others.
+    """
+
+    q: jax.Array
+    found: jax.Array
+    within_limits: jax.Array
+    position_error: jax.Array
+    rotation_error: jax.Array
+    label: jax.Array
+    singularity: jax.Array
+    status: jax.Array
+    unreachable_reason: jax.Array
+    complete: jax.Array
+    count: jax.Array
+    pose_distance: jax.Array
+    lower: jax.Array
+    upper: jax.Array
+    periodic: tuple[bool, ...] = dataclasses.field(metadata={"static": True})
+
+    def map(self, function: Callable[[jax.Array], jax.Array]) -> IKSolutions:
+        """The answers with a function applied to every array that has the batch axes in front.
+
+        For example `solutions.map(lambda x: x[0])` for the first pose of a batch.
+        """
+        return map_solutions(function, self)
+
+    def message(self, index: int | tuple[int, ...] = ()) -> str:
+        """What became of one pose, in words."""
+        status = IKStatus(int(self.status[index]))
+        if status is IKStatus.UNREACHABLE:
+            return (
+                f"{status.message} {UnreachableReason(int(self.unreachable_reason[index])).message}"
+            )
+        codes = {int(x) for x in np.asarray(self.singularity[index])[np.asarray(self.found[index])]}
+        notes = [Singularity(code).message for code in sorted(codes - {Singularity.NONE})]
+        if status in (IKStatus.SOLVED, IKStatus.OUTSIDE_LIMITS) and not self.complete[index]:
+            notes.append("There may be more solutions than were found.")
+        return " ".join([status.message, *notes])
+
+    def farthest_from_limits(self) -> tuple[jax.Array, jax.Array]:
+        """The solution farthest within the limits: (..., n), and (...,) whether there is one."""
+        return self.q[..., 0, :], self.within_limits[..., 0]
+
+    def most_manipulable(self, robot: Robot) -> tuple[jax.Array, jax.Array]:
+        """The solution of greatest `manipulability` within the limits, and whether there is one.
+
+        Args:
+            robot: the arm that was solved for.
+        """
+        measure = jnp.where(self.within_limits, manipulability(robot, self.q), -1.0)
+        best = jnp.argmax(measure, axis=-1)[..., None]
+        chosen = jnp.take_along_axis(self.q, best[..., None], axis=-2)[..., 0, :]
+        return chosen, jnp.any(self.within_limits, axis=-1)
+
+    def nearest(self, q_ref: ArrayLike) -> tuple[jax.Array, jax.Array]:
+        """The solution within the limits that is nearest to a joint vector, 2 pi turns considered.
+
+        Args:
+            q_ref: (..., n) reference joint vectors, radians.
+
+        Returns:
+            (..., n) the joint vectors whose largest joint difference from q_ref is least, and
+            (...,) whether there is one; where there is none, q_ref is returned.
+        """
+        reference = as_floating("q_ref", q_ref).astype(self.q.dtype)
+        check_shape("q_ref", reference, (self.q.shape[-1],))
+        return _nearest(self, reference)
+
+
+jax.export.register_pytree_node_serialization(
+    IKSolutions,
+    serialized_name="niryo_jax.IKSolutions",
+    serialize_auxdata=lambda aux: json.dumps(aux).encode(),
+    deserialize_auxdata=lambda text: tuple(map(tuple, json.loads(text))),
+)
+
+
+def map_solutions(function: Callable[..., jax.Array], *parts: IKSolutions) -> IKSolutions:
+    """`jax.tree.map` of the arrays with the batch axes in front; the rest is that of the first."""
+    batched = {
+        field.name: function(*(getattr(part, field.name) for part in parts))
+        for field in dataclasses.fields(IKSolutions)
+        if field.name not in ("lower", "upper", "periodic")
+    }
+    return dataclasses.replace(parts[0], **batched)
+
+
+@jax.jit
+def _nearest(solutions: IKSolutions, reference: jax.Array) -> tuple[jax.Array, jax.Array]:
+    target = reference[..., None, :]
+    limits = solutions.lower, solutions.upper
+    turned = nearest_turn(solutions.q, target, *limits, solutions.periodic)
+    distance = jnp.max(jnp.abs(turned - target), axis=-1)
+    distance = jnp.where(solutions.within_limits & jnp.isfinite(distance), distance, jnp.inf)
+    best = jnp.argmin(distance, axis=-1)[..., None]
+    ok = jnp.isfinite(jnp.take_along_axis(distance, best, axis=-1))[..., 0]
+    chosen = jnp.take_along_axis(solutions.q, best[..., None], axis=-2)[..., 0, :]
+    chosen = nearest_turn(chosen, reference, *limits, solutions.periodic)
+    return jnp.where(ok[..., None], chosen, reference), ok

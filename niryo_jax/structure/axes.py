@@ -1,0 +1,98 @@
+"""Kinematic structure: what kind each joint is, and how the axes lie to each other.
+
+Found in numpy from concrete screws (n, 6), space frame; the solver that fits is chosen from it.
+"""
+
+from __future__ import annotations
+
+import itertools
+from enum import Enum
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from niryo_jax.tolerances import (
+    AXES_MEET,
+    AXES_PARALLEL,
+    PITCH,
+)
+
+
+def joint_kinds(screws: np.ndarray) -> tuple[str, ...]:
+    """The kind of each joint: "revolute", "prismatic" or "helical"."""
+
+    def kind(screw: np.ndarray) -> str:
+        if not np.any(screw[:3]):
+            return "prismatic"
+        return "helical" if abs(screw[:3] @ screw[3:]) > PITCH else "revolute"
+
+    return tuple(kind(screw) for screw in screws)
+
+
+class AxisRelation(Enum):
+    """How two joint axes lie to each other."""
+
+    COINCIDENT = "coincide"
+    PARALLEL = "are parallel"
+    INTERSECTING = "meet"
+    SKEW = "miss each other"
+
+
+def axis_point(screw: Any, xp: ModuleType = np) -> Any:
+    """The point of a rotation axis closest to the origin, omega x v (|omega| = 1)."""
+    return xp.cross(screw[:3], screw[3:])
+
+
+def distance_between(first: np.ndarray, second: np.ndarray) -> float:
+    """The shortest distance between two rotation axes, metres."""
+    between = axis_point(second) - axis_point(first)
+    normal = np.cross(first[:3], second[:3])
+    length = np.linalg.norm(normal)
+    if length < AXES_PARALLEL:
+        return float(np.linalg.norm(np.cross(first[:3], between)))
+    return float(abs(between @ normal) / length)
+
+
+def relation(first: np.ndarray, second: np.ndarray) -> AxisRelation:
+    """How two rotation axes, given as screws, lie to each other."""
+    parallel = np.linalg.norm(np.cross(first[:3], second[:3])) < AXES_PARALLEL
+    touching = distance_between(first, second) < AXES_MEET
+    if parallel:
+        return AxisRelation.COINCIDENT if touching else AxisRelation.PARALLEL
+    return AxisRelation.INTERSECTING if touching else AxisRelation.SKEW
+
+
+def meeting_point(first: Any, second: Any, xp: ModuleType = np) -> Any:
+    """The midpoint of the shortest segment between two rotation axes that are not parallel.
+
+    `xp` is numpy or jax.numpy, for screws that are traced. With r = r_i + xi_i w_i on axis i,
+    [w1 -w2] xi = r2 - r1, solved by least squares. (Todorovic et al., eq. 20, print r1 - r2, which
+    gives the mirror image of the point.)
+    """
+    w1, w2 = first[:3], second[:3]
+    r1, r2 = axis_point(first, xp), axis_point(second, xp)
+    cosine, between = w1 @ w2, r2 - r1
+    ahead, back = w1 @ between, w2 @ between
+    sine_square = xp.sum(xp.cross(w1, w2) ** 2)
+    xi1, xi2 = (ahead - cosine * back) / sine_square, (cosine * ahead - back) / sine_square
+    return 0.5 * (r1 + xi1 * w1 + r2 + xi2 * w2)
+
+
+def perpendicular_to(screw: Any, point: Any, xp: ModuleType = np) -> Any:
+    """The vector from a rotation axis to a point, at right angles to the axis."""
+    away = point - axis_point(screw, xp)
+    return away - (away @ screw[:3]) * screw[:3]
+
+
+def relations(screws: np.ndarray) -> list[str]:
+    """How neighbouring axes lie, a line each."""
+    kinds, lines = joint_kinds(screws), list[str]()
+    for i, (first, second) in enumerate(itertools.pairwise(screws)):
+        if "prismatic" in kinds[i : i + 2]:
+            continue
+        how = relation(first, second)
+        apart = distance_between(first, second)
+        gap = f", {apart * 1e3:.4g} mm apart" if apart > AXES_MEET else ""
+        lines.append(f"axes {i + 1} and {i + 2} {how.value}{gap}")
+    return lines
