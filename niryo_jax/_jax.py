@@ -7,6 +7,8 @@
 from __future__ import annotations
 
 import contextlib
+import functools
+import platform
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -30,6 +32,8 @@ RUN_FAST: Mapping[str, Any] = {"xla_cpu_prefer_vector_width": 512}
 COMPILE_FAST: Mapping[str, Any] = {
     "xla_backend_optimization_level": 0,
     "xla_cpu_use_fusion_emitters": False,
+    # Without fused multiply-adds a number is the same each time that it is worked out again.
+    **({"xla_cpu_max_isa": "AVX"} if platform.machine() in ("x86_64", "AMD64") else {}),
 }
 """For programs whose compilation takes longer than they run: a third to a quarter of the time.
 
@@ -121,26 +125,28 @@ def opaque(
     primitive = Primitive(name)
     primitive.multiple_results = True
 
-    def run(*leaves: Any, function: Callable[..., Any], structure: Any) -> list[Any]:
-        return jax.tree.leaves(function(*jax.tree.unflatten(structure, leaves)))
+    def run(*leaves: Any, function: Callable[..., Any], structure: Any, result: _Result) -> Any:
+        return result.leaves_of(function(*jax.tree.unflatten(structure, leaves)))
 
-    def avals(*leaves: Any, function: Callable[..., Any], structure: Any) -> list[Any]:
+    def avals(*leaves: Any, **parameters: Any) -> list[Any]:
         # What JAX's own operations make of the arguments says also what shard_map wants to know.
-        def flat(*leaves: Any) -> list[Any]:
-            return run(*leaves, function=function, structure=structure)
-
-        return list(jax.make_jaxpr(flat)(*leaves).out_avals)
+        return list(jax.make_jaxpr(functools.partial(run, **parameters))(*leaves).out_avals)
 
     def batched(
-        leaves: Sequence[Any], axes: Sequence[int | None], *, function: Any, structure: Any
+        leaves: Sequence[Any],
+        axes: Sequence[int | None],
+        *,
+        function: Callable[..., Any],
+        structure: Any,
+        result: _Result,
     ) -> tuple[list[Any], list[int | None]]:
         moved = [
             x if axis is None else jax.numpy.moveaxis(x, axis, 0) for x, axis in zip(leaves, axes)
         ]
         size = next(x.shape[0] for x, axis in zip(moved, axes) if axis is not None)
         has = jax.tree.unflatten(structure, [axis is not None for axis in axes])
-        result, out = batch(function, jax.tree.unflatten(structure, moved), has, size)
-        return jax.tree.leaves(result), [0 if given else None for given in jax.tree.leaves(out)]
+        answer, out = batch(function, jax.tree.unflatten(structure, moved), has, size)
+        return result.leaves_of(answer), [0 if given else None for given in jax.tree.leaves(out)]
 
     primitive.def_impl(run)
     primitive.def_abstract_eval(avals)
@@ -152,8 +158,18 @@ def opaque(
         if is_concrete(*leaves):
             with untraced():
                 return function(*arguments)
-        result = jax.tree.structure(jax.eval_shape(function, *arguments))
-        leaves = primitive.bind(*leaves, function=function, structure=structure)
-        return jax.tree.unflatten(result, leaves)
+        result = _Result()
+        answer = primitive.bind(*leaves, function=function, structure=structure, result=result)
+        return jax.tree.unflatten(result.structure, answer)
 
     return call
+
+
+class _Result:
+    """The structure of a result, known once it is worked out or traced."""
+
+    structure: Any = None
+
+    def leaves_of(self, result: Any) -> list[Any]:
+        leaves, self.structure = jax.tree.flatten(result)
+        return leaves

@@ -30,6 +30,9 @@ def main() -> None:
     if arguments[0] != "workspace":
         # A handful of poses are solved on the spot; an accelerator takes longer to be found.
         jax.config.update("jax_platforms", os.environ.get("JAX_PLATFORMS") or "cpu")
-        flags = [f"--{name}={str(value).lower()}" for name, value in COMPILE_FAST.items()]
+        flags = [
+            f"--{name}={str(value).lower() if isinstance(value, bool) else value}"
+            for name, value in COMPILE_FAST.items()
+        ]
         os.environ.setdefault("XLA_FLAGS", " ".join(flags))
     sys.exit(run(arguments))
