@@ -147,12 +147,6 @@ def known_numbers(numbers: np.ndarray) -> KnownNumbers:
     return tuple(float(x) + 0.0 if simple else None for x, simple in zip(rounded, plain))
 
 
-def is_spherical(known: KnownNumbers) -> bool:
-    """Whether axes 4, 5 and 6 of an arm meet in one point."""
-    sizes = [int(np.prod(shape)) for shape in FIELDS.values()]
-    return known[sum(sizes[: list(FIELDS).index("radius")])] == 0.0
-
-
 @dataclasses.dataclass(frozen=True)
 class OffsetWristArm:
     """A six-axis arm whose axes 1 and 2 meet, 2 and 3 are parallel, 4 and 5 meet.
