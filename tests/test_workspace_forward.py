@@ -5,9 +5,12 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
-import xarray as xr
 from arms import arm, forward
 from support import unit_vectors
+
+pytest.importorskip("xarray")
+
+import xarray as xr
 
 import niryo_jax as nj
 from niryo_jax.workspace import forward as forward_module

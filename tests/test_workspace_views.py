@@ -7,9 +7,13 @@ import json
 import subprocess
 import sys
 
-import matplotlib.text as mpl_text
 import numpy as np
 import pytest
+
+pytest.importorskip("matplotlib")
+pytest.importorskip("xarray")
+
+import matplotlib.text as mpl_text
 import xarray as xr
 
 from niryo_jax.workspace import export, plots
