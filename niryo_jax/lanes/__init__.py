@@ -11,6 +11,7 @@ the textbook, and numpy drives the arithmetic element by element while JAX trace
 """
 
 from niryo_jax.lanes.linalg import (
+    adjugate,
     cross,
     dot,
     hat,
@@ -19,6 +20,7 @@ from niryo_jax.lanes.linalg import (
     orthogonalise,
     outer,
     solve,
+    trace,
     vee,
     volume,
 )
@@ -49,6 +51,7 @@ __all__ = [
     "Lanes",
     "RecordRows",
     "acos",
+    "adjugate",
     "as_lane",
     "asin",
     "astype",
@@ -73,6 +76,7 @@ __all__ = [
     "sincos",
     "solve",
     "sqrt",
+    "trace",
     "unpack",
     "vee",
     "volume",

@@ -40,6 +40,17 @@ def cross(a: Lanes, b: Lanes) -> Lanes:
     )
 
 
+def trace(matrix: Lanes) -> Lane:
+    """The trace of a 3x3 matrix."""
+    return matrix[0, 0] + matrix[1, 1] + matrix[2, 2]
+
+
+def adjugate(matrix: Lanes) -> Lanes:
+    """The adjugate of a 3x3 matrix: its inverse times its determinant."""
+    a, b, c = matrix
+    return np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=1)
+
+
 def hat(w: Lanes) -> Lanes:
     """The skew-symmetric matrix [w] with [w] x = w x x."""
     return np.array(

@@ -1,4 +1,4 @@
-"""Families of arms that closed forms solve: what `niryo_jax.families` looks for.
+"""Families of arms that closed forms solve: what `niryo_jax.structure.classify` looks for.
 
 All of it is static: it says which formulas of `niryo_jax.ik.closed_form` apply, not the numbers in
 them. A solver may take a chain from its other end, since exp(S1 q1) ... exp(Sn qn) = T is solved

@@ -1,4 +1,4 @@
-"""Closed forms of the families of arms (`niryo_jax.families`), on lanes.
+"""Closed forms of the families of arms (`niryo_jax.structure.families`), on lanes.
 
 Each family is solved by one-joint equations in turn, each with two roots at most, so that all its
 solutions are told apart by signs. The motion to supply is T M^-1 = exp(S1 q1) ... exp(Sn qn).

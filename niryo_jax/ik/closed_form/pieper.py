@@ -87,7 +87,7 @@ _CIRCLE = lanes.lanes_of(np.diag([-1.0, 1.0, 1.0]))
 
 def _parameter(conic: Lanes) -> Lane:
     """The t for which conic + t circle is a pair of real lines."""
-    minors = _adjugate(conic)
+    minors = lanes.adjugate(conic)
     b = conic[0, 0] - conic[1, 1] - conic[2, 2]
     c = minors[1, 1] + minors[2, 2] - minors[0, 0]
     e = conic[0] @ minors[:, 0]
@@ -113,9 +113,9 @@ def _parameter(conic: Lanes) -> Lane:
     ]
 
     # Of a singular matrix with eigenvalues 0, u and v this is u v: negative for real lines.
-    best, least = roots[0], _trace(_adjugate(conic + roots[0] * _CIRCLE))
+    best, least = roots[0], lanes.trace(lanes.adjugate(conic + roots[0] * _CIRCLE))
     for root in roots[1:]:
-        product = _trace(_adjugate(conic + root * _CIRCLE))
+        product = lanes.trace(lanes.adjugate(conic + root * _CIRCLE))
         better = product < least
         best, least = lanes.select(better, root, best), lanes.select(better, product, least)
     best = lanes.materialise(best)
@@ -132,22 +132,13 @@ def _cube_root(x: Lane) -> Lane:
     return Lane(jnp.cbrt(x.value))
 
 
-def _adjugate(matrix: Lanes) -> Lanes:
-    a, b, c = matrix
-    return np.stack([lanes.cross(b, c), lanes.cross(c, a), lanes.cross(a, b)], axis=1)
-
-
-def _trace(matrix: Lanes) -> Lane:
-    return matrix[0, 0] + matrix[1, 1] + matrix[2, 2]
-
-
 def _line(pair: Lanes, sign: Lane) -> Lanes:
     """One of the two lines of a singular conic l m^T + m l^T, up to a factor.
 
     Its adjugate is -(l x m) (l x m)^T, up to a factor, and l m^T differs from the conic by the
     matrix of that cross product (Richter-Gebert, *Perspectives on Projective Geometry*, 11.3).
     """
-    minors = _adjugate(pair)
+    minors = lanes.adjugate(pair)
     point, most = minors[:, 0], -minors[0, 0]
     for i in (1, 2):
         larger = -minors[i, i] > most

@@ -17,7 +17,7 @@ from niryo_jax import lanes
 from niryo_jax.ik.closed_form.srs import angle_of
 from niryo_jax.ik.newton import rolled
 from niryo_jax.ik.target import make_target
-from niryo_jax.lanes import Lane, Lanes
+from niryo_jax.lanes import Lanes
 from niryo_jax.lanes.batching import on_lanes
 from niryo_jax.lie import se3
 from niryo_jax.robot import Robot
@@ -72,10 +72,9 @@ def _by_entries(pose: Lanes, target: Lanes) -> tuple[Lanes, Lanes]:
     """
     rotation, _ = se3.split(target)
     stretch = rotation.T @ pose[:3, :3]
-    matrix = _trace(stretch) * lanes.identity(3) - 0.5 * (stretch + stretch.T)
-    a, b, c = matrix
-    minors = np.stack([lanes.cross(b, c), lanes.cross(c, a), lanes.cross(a, b)], axis=1)
-    inverse = lanes.materialised(minors * (1.0 / (a @ lanes.cross(b, c))))
+    matrix = lanes.trace(stretch) * lanes.identity(3) - 0.5 * (stretch + stretch.T)
+    det = matrix[0] @ lanes.cross(matrix[1], matrix[2])
+    inverse = lanes.materialised(lanes.adjugate(matrix) * (1.0 / det))
     away = pose - target
     far = lanes.norm(away.ravel())
     apart = far > 0.0
@@ -87,10 +86,6 @@ def _by_entries(pose: Lanes, target: Lanes) -> tuple[Lanes, Lanes]:
         columns.append(np.concatenate([turn, rotation.T @ unit[:3, 3]]))
         distance.append(away[row, column] * per)
     return np.stack(columns, axis=1).ravel(), lanes.lanes_of(distance)
-
-
-def _trace(matrix: Lanes) -> Lane:
-    return matrix[0, 0] + matrix[1, 1] + matrix[2, 2]
 
 
 @jax.jit
