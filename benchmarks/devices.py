@@ -1,18 +1,13 @@
-"""What more cores, more devices and a GPU are worth.
+"""What more cores and more devices are worth.
 
     python -m benchmarks.devices [--poses 65536] [--rounds 7] [--cores 1 2 ...] [--save]
-    python -m benchmarks.devices --here [--poses 10000000]     # on the device that JAX finds
-
-Without `--here`, the functions run in processes that may use one core and all of them, in turn, and
-then spread over as many devices of one process as there are cores; the ratios are of the medians.
-With `--here` they run once on JAX's default device, a GPU say, beside a copy of arrays of the same
-size, which is the floor of what is bound by memory.
+The functions run in processes that may use one core and all of them, in turn, and then spread over
+as many devices of one process as there are cores; the ratios are of the medians.
 """
 
 from __future__ import annotations
 
 import argparse
-import functools
 import json
 import os
 import statistics
@@ -20,7 +15,6 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 import niryo_jax as nj
@@ -46,9 +40,11 @@ def functions(robot: nj.Robot, q: jax.Array, pose: jax.Array) -> dict[str, Calla
     }
 
 
-def inputs(poses: int, dtype: str) -> tuple[nj.Robot, np.ndarray, np.ndarray]:
-    """A robot, joint vectors, and their poses."""
-    robot = nj.robots.niryo_one()
+def inputs(
+    poses: int, dtype: str, robot: nj.Robot | None = None
+) -> tuple[nj.Robot, np.ndarray, np.ndarray]:
+    """A robot (the Niryo One), joint vectors, and their poses."""
+    robot = robot or nj.robots.niryo_one()
     q = np.random.default_rng(0).uniform(robot.lower, robot.upper, (poses, 6))
     pose = np.concatenate(
         [
@@ -139,79 +135,15 @@ def scaling(poses: int, rounds: int) -> Report:
     return report
 
 
-def here(poses: int, rounds: int) -> Report:
-    """On JAX's default device."""
-    facts = about(rounds=rounds, poses=poses)
-    device = jax.devices()[0].device_kind
-    report = Report(f"On {device}", {"about": facts}, [header(facts)])
-    lines = []
-    for dtype, sizes in (("float32", {"forward kinematics": poses}), ("float64", {})):
-        # Complete sets take a kilobyte a pose.
-        few = min(poses, 1_000_000)
-        robot, q, pose = inputs(few, dtype)
-        given = jax.device_put(q), jax.device_put(pose)
-        for name, function in functions(robot, *given).items():
-            size = sizes.get(name, few)
-            if size > few:
-                many = jnp.tile(given[0], (-(-size // few), 1))[:size]
-                timed = Timed(name, size, functools.partial(nj.forward_kinematics, robot, many))
-            else:
-                timed = Timed(name, size, function)
-            for _ in range(rounds):
-                timed.round(LEAST)
-            if not right(robot, name, timed.result, q, pose):
-                report.wrong.append(f"{name}, {dtype}")
-            numbers = {"forward kinematics": 22, "space Jacobian": 42}.get(name)
-            share = ""
-            if numbers:
-                floor = (
-                    numbers * np.dtype(dtype).itemsize * size / _bandwidth(size * numbers, dtype)
-                )
-                share = f"{floor / timed.seconds:.2f}"
-            cells = [name, dtype, f"{size:,}", f"{timed.rate:,.0f}", f"{timed.spread:.0%}", share]
-            lines.append([*cells, f"{timed.first:.1f}"])
-            report.data[f"{name}, {dtype}"] = timed.facts()
-            report.claims += _claims(name, dtype, timed, share)
-    head = ["what", "type", "batch", "poses/s", "spread", "share of copy bandwidth"]
-    report.sections.append(table([*head, "first call (s)"], lines))
-    return report
-
-
-def _claims(name: str, dtype: str, timed: Timed, share: str) -> list[Claim]:
-    if name == "forward kinematics" and dtype == "float32":
-        text = f"forward kinematics, float32, at more than half of copy bandwidth: {share}"
-        return [Claim(text, float(share) > 0.5)]
-    if name == "complete inverse kinematics":
-        aim = {"float32": 10e6, "float64": 2e6}[dtype]
-        text = f"complete inverse kinematics, {dtype}, at least {aim:,.0f} poses/s"
-        return [Claim(f"{text}: {timed.rate:,.0f}", timed.rate >= aim)]
-    return []
-
-
-def _bandwidth(numbers: int, dtype: str) -> float:
-    """Bytes a second, read and written, of a copy of arrays of that size in all."""
-    x = jnp.ones(numbers // 2, dtype)
-    copy = jax.jit(lambda x: x + 1)
-    timed = Timed("copy", numbers, lambda: copy(x))
-    for _ in range(7):
-        timed.round(LEAST)
-    return 2 * x.nbytes / timed.seconds
-
-
 def main() -> int:
     """Measure, print, and fail where an answer is wrong."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--poses", type=int, default=65_536)
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--here", action="store_true", help="on JAX's default device")
     parser.add_argument("--probe", type=int, default=0, help=argparse.SUPPRESS)
     parser.add_argument("--save", action="store_true", help="write to benchmarks/results/")
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
-    if options.here:
-        report = here(options.poses, options.rounds)
-        kind = jax.devices()[0].device_kind.lower().replace(" ", "-")
-        return report.finish(f"device-{kind}" if options.save else None)
     jax.config.update("jax_platforms", "cpu")
     if options.probe:
         if options.probe > 1:

@@ -38,14 +38,24 @@ COMPILE_FAST: Mapping[str, Any] = {
 """For programs whose compilation takes longer than they run: a third to a quarter of the time.
 
 Without its newer emitters XLA computes shared values inside a fusion again for each use, and a
-chain of many small steps can take all memory: a test watches each program that is so compiled."""
+chain of many small steps can take all memory: a test watches each program that is so compiled.
+Since jaxlib 0.11 there is no way to do without them, and such programs take twice as long."""
+
+
+@functools.cache
+def _is_known(option: str, value: Any) -> bool:
+    """Whether this version of XLA knows an option of its compiler; they come and go."""
+    with contextlib.suppress(ValueError, jax.errors.JaxRuntimeError):
+        jax.jit(lambda x: x, compiler_options={option: value}).lower(0.0).compile()
+        return True
+    return False
 
 
 class Compiled:
     """A jitted function whose programs are compiled with options of their own where possible.
 
-    JAX refuses compiler options inside a function that a caller compiles, and XLA those that it
-    does not know: there the function is compiled as any other.
+    JAX refuses compiler options inside a function that a caller compiles: there the function is
+    compiled as any other. Options that this version of XLA does not know are left out.
 
     Args:
         function: to be compiled.
@@ -57,12 +67,19 @@ class Compiled:
         self, function: Callable[..., Any], options: Mapping[str, Any], **jit: Any
     ) -> None:
         self._plain = jax.jit(function, **jit)
-        self._own = jax.jit(function, compiler_options=dict(options), **jit)
+        self._function, self._options, self._jit = function, options, jit
+
+    @functools.cached_property
+    def _own(self) -> Callable[..., Any]:
+        # Asked of XLA at the first call: an import must not start its devices.
+        with untraced():
+            known = {key: value for key, value in self._options.items() if _is_known(key, value)}
+        return jax.jit(self._function, compiler_options=known, **self._jit)
 
     def __call__(self, concrete: bool, *arguments: Any) -> Any:
         """The function of arguments that are `concrete` (`is_concrete`) or not."""
         if concrete:
-            with contextlib.suppress(ValueError, jax.errors.JaxRuntimeError):
+            with contextlib.suppress(ValueError):
                 return self._own(*arguments)
         return self._plain(*arguments)
 

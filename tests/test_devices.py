@@ -15,6 +15,7 @@ import pytest
 import niryo_jax as nj
 from niryo_jax.execution import devices as parallel
 from niryo_jax.execution.padding import program_size
+from niryo_jax.ik.results.deduplicate import distinct
 from niryo_jax.ik.results.solutions import map_solutions
 
 ON_EIGHT_DEVICES = """
@@ -145,3 +146,37 @@ def test_exported_programs_answer_as_the_functions_do(niryo):
     np.testing.assert_array_equal(solved.found, direct.found)
     np.testing.assert_allclose(solved.q, direct.q, rtol=0, atol=1e-9)
     assert solved.periodic == direct.periodic
+
+
+def test_the_different_joint_vectors_of_very_many_poses():
+    # More than fit, owner and number together, in the bits of one integer.
+    rows, each = 100_000, 4
+    rng = np.random.default_rng(8)
+    q = rng.uniform(-3, 3, (rows, each, 6))
+    q[:, 3] = q[:, 1] + 2 * np.pi
+    owner = np.repeat(np.arange(rows), each)
+    order = rng.permutation(rows * each)
+    vectors, owner = jnp.asarray(q.reshape(-1, 6)[order]), jnp.asarray(owner[order])
+    table, crowded = jax.jit(distinct, static_argnums=(2, 3))(vectors, owner, rows, 8)
+    assert not np.any(crowded)
+    table = np.asarray(table)
+    np.testing.assert_array_equal(np.sum(table >= 0, axis=0), 3)
+    pose, number = np.divmod(order[table], each)
+    number = np.where(number == 3, 1, number)
+    chosen = np.sort(np.where(table >= 0, 3 * pose + number, -1), axis=0)
+    np.testing.assert_array_equal(chosen[-3:], np.arange(3 * rows).reshape(rows, 3).T)
+
+
+@pytest.mark.parametrize("name", ["niryo_one", "ur16e"])
+def test_programs_of_the_sizes_for_an_accelerator_give_the_same_answers(name, monkeypatch):
+    robot = nj.robots.load(name)
+    rng = np.random.default_rng(9)
+    pose = nj.forward_kinematics(robot, rng.uniform(robot.lower, robot.upper, (2048, 6)))
+    here = nj.inverse_kinematics(robot, pose)
+    jax.clear_caches()
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    there = nj.inverse_kinematics(robot, pose)
+    jax.clear_caches()
+    np.testing.assert_array_equal(here.count, there.count)
+    np.testing.assert_array_equal(here.status, there.status)
+    np.testing.assert_allclose(there.q, here.q, atol=1e-9)

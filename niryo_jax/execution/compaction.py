@@ -11,6 +11,14 @@ import jax.numpy as jnp
 State = TypeVar("State")
 
 
+def at_once(on_a_core: int, on_accelerator: int) -> int:
+    """How many rows to work on at a time: what fits a core's cache, or what fills an accelerator.
+
+    A step of a loop costs an accelerator the start of all its kernels, however few rows it has.
+    """
+    return on_a_core if jax.default_backend() == "cpu" else max(on_a_core, on_accelerator)
+
+
 def for_each_chunk(
     which: jax.Array,
     chunk: int,

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from niryo_jax._jax import is_concrete
+from niryo_jax.execution.compaction import at_once
 
 Result = TypeVar("Result")
 
@@ -61,7 +62,7 @@ def in_chunks(solve: Callable[[jax.Array], Result], pose: jax.Array) -> Result:
     """
     batch = pose.shape[:-2]
     size = math.prod(batch)
-    most = BLOCK if jax.default_backend() == "cpu" else _CHUNK_ON_ACCELERATOR
+    most = at_once(BLOCK, _CHUNK_ON_ACCELERATOR)
     chunk = min(most, program_size(size))
     chunks = max(1, -(-size // chunk))
     parts = padded_rows(pose, len(batch), chunks * chunk).reshape(chunks, chunk, 4, 4)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from niryo_jax.execution.compaction import for_each_chunk
+from niryo_jax.execution.compaction import at_once, for_each_chunk
 from niryo_jax.execution.devices import BatchSharding, on_each_device
 from niryo_jax.execution.padding import BLOCK, is_small
 from niryo_jax.ik.complete.algorithms import Algorithm, Goal, Structure, algorithm_for
@@ -27,6 +27,9 @@ from niryo_jax.structure.families import ClosedFormPlan
 from niryo_jax.tolerances import LIMIT_ROUNDING
 
 _CHUNK = 512
+
+_SHARE_OPEN = 8
+"""The first pass leaves at most about one pose in so many to the second."""
 
 
 @specialised
@@ -85,7 +88,7 @@ def solve_rows(algorithm: Algorithm, goal: Goal, valid: jax.Array, limits: Limit
     size = goal.pose.shape[0]
     if is_small(size):
         return algorithm.second_pass(goal, valid, limits)
-    block = BLOCK if jax.default_backend() == "cpu" else size
+    block = at_once(BLOCK, size)
     blocks = jax.tree.map(lambda x: x.reshape(size // block, block, *x.shape[1:]), (goal, valid))
     parts = jax.lax.map(lambda part: _first_pass(algorithm, part[0], part[1], limits), blocks)
     answer, left = jax.tree.map(lambda x: x.reshape(size, *x.shape[2:]), parts)
@@ -95,7 +98,8 @@ def solve_rows(algorithm: Algorithm, goal: Goal, valid: jax.Array, limits: Limit
         where = jnp.where(live, rows, size)
         return jax.tree.map(lambda x, y: x.at[where].set(y, mode="drop"), answer, part)
 
-    return for_each_chunk(left, min(_CHUNK, size), solve_again, answer)
+    chunk = min(at_once(_CHUNK, size // _SHARE_OPEN), size)
+    return for_each_chunk(left, chunk, solve_again, answer)
 
 
 def _first_pass(

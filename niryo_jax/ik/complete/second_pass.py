@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from niryo_jax import lanes
-from niryo_jax.execution.compaction import for_each_chunk
+from niryo_jax.execution.compaction import at_once, for_each_chunk
 from niryo_jax.ik.newton import rolled
 from niryo_jax.ik.newton.pose_error import extent, may_take_pose, within_tolerance
 from niryo_jax.ik.offset_wrist.parameters import OffsetWristParameters
@@ -148,9 +148,9 @@ class _Solved(NamedTuple):
         return _Solved(*(x.at[where].set(y, mode="drop") for x, y in zip(self, new)))
 
 
-def _chunk(rows: int, most: int) -> int:
+def _chunk(rows: int, on_a_core: int, on_accelerator: int) -> int:
     """How many roots to work on at once: about as many as the poses have, for few poses."""
-    return min(most, 16 * rows)
+    return min(at_once(on_a_core, on_accelerator), _MOST * rows)
 
 
 def _joint_vectors(
@@ -176,7 +176,7 @@ def _joint_vectors(
     nothing = jnp.zeros((places, geometry.joints), dtype)
     far = jnp.full(places, jnp.inf, dtype)
     start = _Solved(nothing, far, far, jnp.zeros(places, jnp.int32))
-    chunk = min(_chunk(rows, _AT_ONCE), places)
+    chunk = min(_chunk(rows, _AT_ONCE, _MOST * rows), places)
     return for_each_chunk(roots.pose < rows, chunk, solve, start)
 
 
@@ -213,5 +213,5 @@ def _polished(
         where = jnp.where(live, at, pose.shape[0])
         return state.replace(where, _Solved(q, position, rotation, state.label[at]))
 
-    chunk = min(_chunk(rows, _POLISHED), pose.shape[0])
+    chunk = min(_chunk(rows, _POLISHED, rows // 8), pose.shape[0])
     return for_each_chunk(rough, chunk, polish, solved)

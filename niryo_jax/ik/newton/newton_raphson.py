@@ -19,7 +19,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax import lanes
-from niryo_jax.execution.compaction import running_count
+from niryo_jax.execution.compaction import at_once, running_count
 from niryo_jax.execution.devices import BatchSharding, batch_sharding, on_all_cores, on_each_device
 from niryo_jax.execution.padding import cut_rows, padded_rows, program_size
 from niryo_jax.ik.newton.implicit import rate_of_geometry, zero_tangent
@@ -184,7 +184,7 @@ class _State(NamedTuple):
 def _solve(options: _Options, geometry: Geometry, target: jax.Array, q0: jax.Array) -> NewtonResult:
     """The results of rows (size, 4, 4) and (size, n)."""
     dtype, (size, n) = q0.dtype, q0.shape
-    width = min(size, _WIDTH) if jax.default_backend() == "cpu" else size
+    width = min(size, at_once(_WIDTH, size // 8))
     position_tolerance = options.position_tolerance or NEWTON_POSITION.of(dtype)
     rotation_tolerance = options.rotation_tolerance or NEWTON_ROTATION.of(dtype)
 

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from niryo_jax import lanes
-from niryo_jax.execution.compaction import running_count
+from niryo_jax.execution.compaction import at_once, running_count
 from niryo_jax.ik.offset_wrist import condition
 from niryo_jax.ik.offset_wrist.parameters import OffsetWristParameters
 from niryo_jax.ik.offset_wrist.posture import Posture, posture_or_crossing
@@ -81,7 +81,7 @@ def find_roots(
     rows, dtype = len(circles.array), circles.array.dtype
     most = _ROOTS * rows + min(_MORE_ROOTS, 128 * rows)
     # Few poses have few intervals that are open at once.
-    width = min(_WIDTH, 64 * rows)
+    width = min(at_once(_WIDTH, 2 * rows), 64 * rows)
     steps = -(-_ITEMS * rows // width)
     first, certain, start = _first_intervals(arm, circles, live)
     stack = jnp.zeros((first.shape[0] + width * _DEPTH, 6), dtype)

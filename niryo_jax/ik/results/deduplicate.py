@@ -30,7 +30,7 @@ def distinct(q: jax.Array, owner: jax.Array, rows: int, most: int) -> tuple[jax.
         (rows,) whether an owner has more than fit.
     """
     # Equal joint vectors share their number, so that they are neighbours.
-    order = _grouped(owner, _signature(q))
+    order = _grouped(owner, _signature(q), rows)
     owner = owner[order]
     kept = (owner < rows) & ~_repeats(q[order], owner)
     count, _ = running_count(kept)
@@ -53,29 +53,31 @@ def _signature(q: jax.Array) -> jax.Array:
     return 0.25 + 0.05 * total
 
 
-def _grouped(owner: jax.Array, signature: jax.Array) -> jax.Array:
+def _grouped(owner: jax.Array, signature: jax.Array, rows: int) -> jax.Array:
     """An order of the rows by owner, and for each by a number between 0 and 1/2."""
-    # XLA on the CPU sorts lone integers ten times faster than floats or pairs: each row's number
-    # goes with its key, so that a sort keeps what those before it have ordered.
+    # XLA sorts lone integers ten times faster than floats or pairs: each row's number goes with its
+    # key, so that a sort keeps what those before it have ordered, digit by digit.
     number = jnp.arange(owner.shape[0], dtype=jnp.int32)
     bits = owner.shape[0].bit_length()
-    levels = 1 << (31 - bits)
+    digit = 31 - bits
+    levels = 1 << digit
 
     def sort(order: jax.Array, key: jax.Array) -> jax.Array:
         return order[jnp.sort((key[order] << bits) | number) & ((1 << bits) - 1)]
 
-    # The number's second digit, its first, then the owner.
+    # The number's second digit, its first, then those of the owner from the last on.
     high = (signature * levels).astype(jnp.int32)
     low = ((signature * levels - high) * levels).astype(jnp.int32)
-    return functools.reduce(sort, (low, high, owner), number)
+    owners = [(owner >> at) & (levels - 1) for at in range(0, rows.bit_length(), digit)]
+    return functools.reduce(sort, (low, high, *owners), number)
 
 
 def _repeats(q: jax.Array, owner: jax.Array) -> jax.Array:
     """Whether a joint vector (r, n) of the same pose is equal to one of the three before it."""
     repeats = jnp.zeros(owner.shape, bool)
     for shift in (1, 2, 3):
-        turn = jnp.abs(q[shift:] - q[:-shift])
-        turn = jnp.minimum(turn, 2 * np.pi - turn)
+        turn = q[shift:] - q[:-shift]
+        turn = jnp.abs(turn - 2 * np.pi * jnp.round(turn / (2 * np.pi)))
         same = jnp.all(turn < SAME_SOLUTION.of(q.dtype), axis=1)
         same = same & (owner[shift:] == owner[:-shift])
         repeats = repeats | jnp.pad(same, (shift, 0))
