@@ -133,7 +133,7 @@ def floor_of(
 
 def _geometry() -> Geometry:
     """The Niryo One with its numbers folded into the program."""
-    return _pattern_of(nj.robots.niryo_one(), True)[0].geometry([])
+    return _pattern_of(nj.robots.niryo_one(), "all")[0].geometry([])
 
 
 def forward_kinematics(dtype: str, batch: int) -> Floor:
@@ -221,14 +221,15 @@ def complete(robot: nj.Robot, batch: int) -> Floor:
     """The first pass of complete inverse kinematics, which settles nine poses of ten."""
     known = robot.offset_wrist
     assert known is not None
-    numbers = concrete_numbers(np.asarray(robot.screws), np.asarray(robot.home))
+    numbers = concrete_numbers(np.asarray(robot.screws), np.asarray(robot.home)[:3, 3])
     free = [x for x, k in zip(numbers, known) if k is None]
     limits = jnp.asarray(robot.lower), jnp.asarray(robot.upper)
 
     def block(target: jax.Array) -> Any:
         algorithm = algorithm_for(known, _geometry(), jnp.asarray(free))
         goal = Goal(target, jnp.zeros((len(target), 0)))
-        return _first_pass(algorithm, goal, jnp.ones(len(target), bool), limits)
+        valid = jnp.ones(len(target), bool)
+        return _first_pass(algorithm, lanes.contiguous_lanes(target, 2), goal, valid, limits)
 
     shape = jax.ShapeDtypeStruct((256, 4, 4), "float64")
     count = jax.jit(block).lower(shape).cost_analysis()["flops"] / 256

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from niryo_jax._jax import is_concrete
-from niryo_jax.structure import axes, classify, offset_wrist
+from niryo_jax.structure import axes, classify
+from niryo_jax.structure.classify import Structure, structure_of
 from niryo_jax.structure.families import ClosedFormPlan
 from niryo_jax.structure.offset_wrist import KnownNumbers
 from niryo_jax.tolerances import MOTION, SCREW_NORM
@@ -28,7 +31,10 @@ def _as_leaf(value: ArrayLike) -> Array:
     return array
 
 
-@jax.tree_util.register_dataclass
+_ARRAYS = "screws", "home", "lower", "upper"
+
+
+@jax.tree_util.register_pytree_with_keys_class
 @dataclasses.dataclass(frozen=True, eq=False)
 class Robot:
     """An open chain of revolute, prismatic or helical joints.
@@ -39,11 +45,8 @@ class Robot:
         home: (4, 4) pose of the tool frame in the space frame at q = 0.
         lower, upper: (n,) joint limits, radians (metres for prismatic joints).
         joint_names, name: labels; static.
-        offset_wrist: which numbers of an offset-wrist arm are 0, 1 or -1
-            (`structure.offset_wrist.KnownNumbers`), or None for an arm of another structure; found
-            from concrete screws, static.
-        plans: how the arm can be solved in closed form (`families.ClosedFormPlan`); found and
-            static likewise.
+        assumed: the structure of the concrete arm that a traced one was made from; static. It
+            says which solver a program takes; the program looks whether the arm still has it.
 
     The four arrays are pytree leaves, so they can be traced, batched and differentiated:
     `dataclasses.replace(robot, screws=...)` accepts traced arrays.
@@ -53,19 +56,55 @@ class Robot:
     home: Array
     lower: Array
     upper: Array
-    joint_names: tuple[str, ...] = dataclasses.field(default=(), metadata={"static": True})
-    name: str = dataclasses.field(default="robot", metadata={"static": True})
-    offset_wrist: KnownNumbers | None = dataclasses.field(default=None, metadata={"static": True})
-    plans: tuple[ClosedFormPlan, ...] = dataclasses.field(default=(), metadata={"static": True})
+    joint_names: tuple[str, ...] = ()
+    name: str = "robot"
+    assumed: Structure | None = dataclasses.field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         """Find the structure, which a robot that is traced later brings along."""
-        screws, home = self.screws, self.home
-        if isinstance(screws, np.ndarray) and isinstance(home, np.ndarray):
-            one = screws.ndim == home.ndim == 2
-            known = offset_wrist.known_numbers_of(screws, home) if one else None
-            object.__setattr__(self, "offset_wrist", known)
-            object.__setattr__(self, "plans", classify.closed_form_plans(screws) if one else ())
+        if is_concrete(self.screws) and np.ndim(self.screws) == 2:
+            object.__setattr__(self, "assumed", structure_of(self.screws))
+
+    def tree_flatten_with_keys(self) -> tuple[list[tuple[Any, Any]], tuple[Any, ...]]:
+        """The four arrays by their names, and the rest."""
+        keyed = [(jax.tree_util.GetAttrKey(name), getattr(self, name)) for name in _ARRAYS]
+        return keyed, (self.joint_names, self.name, self.assumed)
+
+    def tree_flatten(self) -> tuple[list[Any], tuple[Any, ...]]:
+        """The four arrays, and the rest."""
+        return [getattr(self, name) for name in _ARRAYS], (
+            self.joint_names,
+            self.name,
+            self.assumed,
+        )
+
+    @classmethod
+    def tree_unflatten(cls, static: tuple[Any, ...], arrays: Sequence[Any]) -> Robot:
+        """A robot of these arrays, which may be anything.
+
+        What is assumed stays, so that a robot and its rates are trees of one kind.
+        """
+        robot = object.__new__(cls)
+        for name, value in zip((*_ARRAYS, "joint_names", "name", "assumed"), (*arrays, *static)):
+            object.__setattr__(robot, name, value)
+        return robot
+
+    @functools.cached_property
+    def _structure(self) -> Structure:
+        """That of the numbers where they are known, else what is assumed."""
+        if is_concrete(self.screws) and np.ndim(self.screws) == 2:
+            return structure_of(self.screws)
+        return self.assumed or Structure(None, ())
+
+    @property
+    def offset_wrist(self) -> KnownNumbers | None:
+        """Which numbers of an offset-wrist arm are 0, 1 or -1; None for an arm of another kind."""
+        return self._structure.offset_wrist
+
+    @property
+    def plans(self) -> tuple[ClosedFormPlan, ...]:
+        """How the arm can be solved in closed form."""
+        return self._structure.plans
 
     @property
     def joints(self) -> int:
@@ -236,7 +275,7 @@ class Robot:
                 "robot: its structure can only be found on concrete arrays; got a traced robot. "
                 "Close over the robot instead of passing it through jax.jit or jax.grad."
             )
-        return np.asarray(self.screws, dtype=np.float64)
+        return np.asarray(self.screws)
 
     def describe(self) -> str:
         """The arm in words: joints, limits, home pose, how the axes lie, and what solves it.
@@ -279,7 +318,7 @@ def _check_geometry(screws: np.ndarray, home: np.ndarray) -> None:
     omega = np.linalg.norm(screws[..., :3], axis=-1)
     linear = np.linalg.norm(screws[..., 3:], axis=-1)
     unit = np.where(omega == 0, linear, omega)
-    if np.any(np.abs(unit - 1) > SCREW_NORM):
+    if np.any(np.abs(unit - 1) > SCREW_NORM.of(screws.dtype)):
         raise ValueError(
             "screws: expected |omega| = 1, or omega = 0 and |v| = 1 (prismatic); "
             f"got |omega| = {omega}, |v| = {linear}"

@@ -13,7 +13,7 @@ import dataclasses
 import functools
 import inspect
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -98,16 +98,23 @@ def _dtype_of(arrays: tuple[Any, ...]) -> np.dtype:
 Result = TypeVar("Result")
 
 
-def _pattern_of(robot: Robot, whole: bool) -> tuple[Pattern, jax.Array]:
+Known = Literal["all", "units", "units of screws"]
+"""What of a concrete robot is part of a program: all numbers, or the zeros and ones."""
+
+
+def _pattern_of(robot: Robot, which: Known) -> tuple[Pattern, jax.Array]:
     """The pattern and the arguments of a concrete robot."""
-    cache: dict[tuple[bool, np.dtype], tuple[Pattern, jax.Array]]
+    cache: dict[tuple[Known, np.dtype], tuple[Pattern, jax.Array]]
     cache = robot.__dict__.setdefault("_patterns", {})
-    key = whole, jnp.result_type(float)
+    key = which, jnp.result_type(float)
     if key not in cache:
         screws, home = np.asarray(robot.screws), np.asarray(robot.home)
         numbers = np.concatenate([screws.ravel(), home.ravel()])
-        # Adding 0.0 turns a negative zero into a positive one, so that both give one program.
-        known = [float(x) + 0.0 if whole or x in (0.0, 1.0, -1.0) else None for x in numbers]
+        of_screws = np.arange(len(numbers)) < screws.size
+        free = ~np.isin(numbers, (0.0, 1.0, -1.0)) | (~of_screws & (which == "units of screws"))
+        free &= which != "all"
+        # A negative zero plus 0.0 is a positive one, so that both give one program.
+        known = [None if x_free else float(x) + 0.0 for x, x_free in zip(numbers, free)]
         rest = np.array([x for x, number in zip(numbers, known) if number is None])
         # On the device once for all calls; also where the first one comes from a traced function.
         with jax.ensure_compile_time_eval():
@@ -115,13 +122,18 @@ def _pattern_of(robot: Robot, whole: bool) -> tuple[Pattern, jax.Array]:
     return cache[key]
 
 
-def specialised(function: Callable[..., Result]) -> Callable[..., Result]:
+def specialised(
+    function: Callable[..., Result] | None = None, *, tool_is_data: bool = False
+) -> Callable[..., Any]:
     """Make `function(geometry, *arrays, **options)` a jitted `function(robot, *arrays, **options)`.
 
     Options are static: they are given by keyword and hashable. One of them is taken away: with
-    `quick` the program is compiled fast rather than to run fast (`_jax.COMPILE_FAST`).
+    `quick` the program is compiled fast rather than to run fast (`_jax.COMPILE_FAST`). Where the
+    tool is data, arms that differ in their home poses alone share their programs.
     """
-
+    if function is None:
+        return functools.partial(specialised, tool_is_data=tool_is_data)
+    units: Known = "units of screws" if tool_is_data else "units"
     names = list(inspect.signature(function).parameters)[1:]
 
     def of_pattern(
@@ -156,7 +168,7 @@ def specialised(function: Callable[..., Result]) -> Callable[..., Result]:
         # The options are those of the compiler for CPUs.
         quick = quick and jax.default_backend() == "cpu"
         concrete = is_concrete(*jax.tree.leaves(arrays))
-        pattern, rest = _pattern_of(robot, whole=not concrete)
+        pattern, rest = _pattern_of(robot, units if concrete else "all")
         return compiled[quick](concrete, pattern, static, rest, *arrays)
 
     return public

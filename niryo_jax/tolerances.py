@@ -19,19 +19,22 @@ class ByDtype(NamedTuple):
         return self.float64 if np.dtype(dtype) == np.float64 else self.float32
 
 
-SCREW_NORM = 1e-9
+SCREW_NORM = ByDtype(1e-9, 2e-6)
 """How far a screw axis given as data may be from unit length."""
 
-PITCH = 1e-12
+TINY = 1e-30
+"""Smaller squares of sines than this are taken for it, where they divide."""
+
+PITCH = ByDtype(1e-12, 1e-6)
 """A screw axis whose |omega . v| (metres per radian) is below this is a pure rotation."""
 
 MOTION = 1e-6
 """How far R R^T of a home or tool pose given as data may be from the identity, per entry."""
 
-AXES_PARALLEL = 1e-9
+AXES_PARALLEL = ByDtype(1e-9, 2e-6)
 """Two axes are parallel where the sine of their angle is below this."""
 
-AXES_MEET = 1e-9
+AXES_MEET = ByDtype(1e-9, 2e-6)
 """Two axes meet where their distance (metres) is below this."""
 
 AXES_NEARLY_MEET = 2e-3

@@ -99,7 +99,7 @@ def test_programs_that_are_compiled_fast_stay_small(name):
     # time and memory shows in how many instructions are left.
     robot = nj.robots.load(name)
     solver = CompleteSolver(_structure(robot, None, False))
-    pattern, rest = _pattern_of(robot, whole=False)
+    pattern, rest = _pattern_of(robot, "units of screws")
 
     def program(rest: jax.Array, *arrays: jax.Array) -> nj.IKSolutions:
         function = driver.complete_solutions.__wrapped__

@@ -34,7 +34,7 @@ POINTS = 601
 
 def arm_of(robot: nj.Robot) -> OffsetWristParameters:
     """The numbers of an arm, as lanes."""
-    numbers = arm_numbers(np.asarray(robot.screws), np.asarray(robot.home), np)
+    numbers = arm_numbers(np.asarray(robot.screws), np.asarray(robot.home)[:3, 3], np)
     known = robot.offset_wrist
     return parameters_from(known, [jnp.asarray(x) for x, k in zip(numbers, known) if k is None])
 

@@ -16,6 +16,8 @@ from niryo_jax.tolerances import (
     AXES_MEET,
     AXES_PARALLEL,
     PITCH,
+    SCREW_NORM,
+    TINY,
 )
 
 
@@ -25,7 +27,8 @@ def joint_kinds(screws: np.ndarray) -> tuple[str, ...]:
     def kind(screw: np.ndarray) -> str:
         if not np.any(screw[:3]):
             return "prismatic"
-        return "helical" if abs(screw[:3] @ screw[3:]) > PITCH else "revolute"
+        pitch = abs(screw[:3] @ screw[3:])
+        return "helical" if pitch > PITCH.of(screws.dtype) else "revolute"
 
     return tuple(kind(screw) for screw in screws)
 
@@ -44,23 +47,45 @@ def axis_point(screw: Any, xp: ModuleType = np) -> Any:
     return xp.cross(screw[:3], screw[3:])
 
 
-def distance_between(first: np.ndarray, second: np.ndarray) -> float:
+def is_revolute(screw: Any, xp: ModuleType = np) -> Any:
+    """Whether a screw is a pure rotation."""
+    turns = abs(xp.linalg.norm(screw[:3]) - 1) < SCREW_NORM.of(screw.dtype)
+    return turns & (abs(screw[:3] @ screw[3:]) <= PITCH.of(screw.dtype))
+
+
+def is_prismatic(screw: Any, xp: ModuleType = np) -> Any:
+    """Whether a screw is a translation."""
+    return xp.all(screw[:3] == 0)
+
+
+def distance_between(first: Any, second: Any, xp: ModuleType = np) -> Any:
     """The shortest distance between two rotation axes, metres."""
-    between = axis_point(second) - axis_point(first)
-    normal = np.cross(first[:3], second[:3])
-    length = np.linalg.norm(normal)
-    if length < AXES_PARALLEL:
-        return float(np.linalg.norm(np.cross(first[:3], between)))
-    return float(abs(between @ normal) / length)
+    between = axis_point(second, xp) - axis_point(first, xp)
+    normal = xp.cross(first[:3], second[:3])
+    length = xp.linalg.norm(normal)
+    parallel = length < AXES_PARALLEL.of(first.dtype)
+    aside = xp.linalg.norm(xp.cross(first[:3], between))
+    return xp.where(parallel, aside, abs(between @ normal) / xp.where(parallel, 1.0, length))
+
+
+def are_parallel(first: Any, second: Any, xp: ModuleType = np) -> Any:
+    """Whether two rotation axes are parallel, or coincide."""
+    sine = xp.linalg.norm(xp.cross(first[:3], second[:3]))
+    return sine < AXES_PARALLEL.of(first.dtype)
+
+
+def do_meet(first: Any, second: Any, xp: ModuleType = np) -> Any:
+    """Whether two rotation axes meet in one point."""
+    near = distance_between(first, second, xp) < AXES_MEET.of(first.dtype)
+    return ~are_parallel(first, second, xp) & near
 
 
 def relation(first: np.ndarray, second: np.ndarray) -> AxisRelation:
     """How two rotation axes, given as screws, lie to each other."""
-    parallel = np.linalg.norm(np.cross(first[:3], second[:3])) < AXES_PARALLEL
-    touching = distance_between(first, second) < AXES_MEET
-    if parallel:
+    if are_parallel(first, second):
+        touching = distance_between(first, second) < AXES_MEET.of(first.dtype)
         return AxisRelation.COINCIDENT if touching else AxisRelation.PARALLEL
-    return AxisRelation.INTERSECTING if touching else AxisRelation.SKEW
+    return AxisRelation.INTERSECTING if do_meet(first, second) else AxisRelation.SKEW
 
 
 def meeting_point(first: Any, second: Any, xp: ModuleType = np) -> Any:
@@ -74,9 +99,24 @@ def meeting_point(first: Any, second: Any, xp: ModuleType = np) -> Any:
     r1, r2 = axis_point(first, xp), axis_point(second, xp)
     cosine, between = w1 @ w2, r2 - r1
     ahead, back = w1 @ between, w2 @ between
-    sine_square = xp.sum(xp.cross(w1, w2) ** 2)
+    sine_square = xp.maximum(xp.sum(xp.cross(w1, w2) ** 2), TINY)
     xi1, xi2 = (ahead - cosine * back) / sine_square, (cosine * ahead - back) / sine_square
     return 0.5 * (r1 + xi1 * w1 + r2 + xi2 * w2)
+
+
+def lock(screws: Any, joint: int, value: Any, xp: ModuleType = np) -> Any:
+    """The screws (n - 1, 6) of the arm that is left where one joint stays at a value."""
+    w, v = screws[joint, :3], screws[joint, 3:]
+    hat = xp.cross(xp.eye(3, dtype=screws.dtype), w)
+    rotation = xp.eye(3, dtype=screws.dtype) + xp.sin(value) * hat
+    rotation = rotation + (1 - xp.cos(value)) * (hat @ hat)
+    # A slide does not turn and moves along v; of a screw only its pitch moves along w.
+    along = xp.where(xp.any(w != 0), (w @ v) * w, v)
+    position = (xp.eye(3, dtype=screws.dtype) - rotation) @ xp.cross(w, v) + value * along
+    after = screws[joint + 1 :]
+    turned, shifted = after[:, :3] @ rotation.T, after[:, 3:] @ rotation.T
+    moved = xp.concatenate([turned, shifted + xp.cross(position, turned)], axis=1)
+    return xp.concatenate([screws[:joint], moved.astype(screws.dtype)])
 
 
 def perpendicular_to(screw: Any, point: Any, xp: ModuleType = np) -> Any:
@@ -93,6 +133,6 @@ def relations(screws: np.ndarray) -> list[str]:
             continue
         how = relation(first, second)
         apart = distance_between(first, second)
-        gap = f", {apart * 1e3:.4g} mm apart" if apart > AXES_MEET else ""
+        gap = f", {apart * 1e3:.4g} mm apart" if apart > AXES_MEET.of(screws.dtype) else ""
         lines.append(f"axes {i + 1} and {i + 2} {how.value}{gap}")
     return lines

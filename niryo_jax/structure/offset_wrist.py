@@ -10,21 +10,21 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from niryo_jax.structure.axes import (
-    AxisRelation,
     axis_point,
     distance_between,
     joint_kinds,
     meeting_point,
     perpendicular_to,
-    relation,
 )
-from niryo_jax.tolerances import ARM_NUMBER, AXES_NEARLY_MEET, AXES_NEARLY_PARALLEL
+from niryo_jax.structure.conditions import is_offset_wrist
+from niryo_jax.tolerances import ARM_NUMBER, AXES_MEET, AXES_NEARLY_MEET, AXES_NEARLY_PARALLEL
 
 FIELDS: dict[str, tuple[int, ...]] = {
     "base": (3, 3),
@@ -48,36 +48,38 @@ FIELDS: dict[str, tuple[int, ...]] = {
 }
 """Name and shape of the numbers, in order: `niryo_jax.ik.offset_wrist.parameters` explains them."""
 
+_OF_TOOL = [name == "centre" for name, shape in FIELDS.items() for _ in range(math.prod(shape))]
+"""Which of the numbers say where the tool is."""
+
 KnownNumbers = tuple[float | None, ...]
 """The numbers of an arm in the order of its fields; None where a number is not 0, 1 or -1."""
 
 
-def known_numbers_of(screws: np.ndarray, home: np.ndarray) -> KnownNumbers | None:
-    """The zeros and ones of an arm, from screws (n, 6) and home (4, 4); None of another arm."""
+def known_numbers_of(screws: np.ndarray) -> KnownNumbers | None:
+    """The zeros and ones of an arm, whatever its tool is, from screws (n, 6); None of others."""
     if offset_wrist_arm(screws) is None:
         return None
-    return known_numbers(concrete_numbers(screws, home))
+    known = known_numbers(concrete_numbers(screws, np.zeros(3)))
+    return tuple(None if of_tool else x for x, of_tool in zip(known, _OF_TOOL))
 
 
-def concrete_numbers(screws: np.ndarray, home: np.ndarray) -> np.ndarray:
+def concrete_numbers(screws: np.ndarray, tool: np.ndarray) -> np.ndarray:
     """`arm_numbers` of data, computed once for each arm."""
-    return _concrete_numbers(*(np.asarray(x, float).tobytes() for x in (screws, home)))
+    return _concrete_numbers(*(np.asarray(x, float).tobytes() for x in (screws, tool)))
 
 
 @functools.lru_cache(maxsize=256)
-def _concrete_numbers(screws: bytes, home: bytes) -> np.ndarray:
-    numbers = arm_numbers(
-        np.frombuffer(screws).reshape(-1, 6), np.frombuffer(home).reshape(4, 4), np
-    )
+def _concrete_numbers(screws: bytes, tool: bytes) -> np.ndarray:
+    numbers = arm_numbers(np.frombuffer(screws).reshape(-1, 6), np.frombuffer(tool), np)
     numbers.setflags(write=False)
     return numbers
 
 
-def arm_numbers(screws: Any, home: Any, xp: ModuleType) -> Any:
-    """All numbers of an arm in one vector, from screws (6, 6) and home pose (4, 4).
+def arm_numbers(screws: Any, tool: Any, xp: ModuleType) -> Any:
+    """All numbers of an arm in one vector, from screws (6, 6) and the tool's position (3,) at home.
 
-    `xp` is numpy or jax.numpy. Axes that should meet and miss each other are taken to meet half-way
-    between.
+    `xp` is numpy or jax.numpy. At home the tool frame is turned as the space frame is. Axes that
+    should meet and miss each other are taken to meet half-way between.
     """
     e1, e2, e3, e4, e5, e6 = screws[:, :3]
     shoulder = meeting_point(screws[0], screws[1], xp)
@@ -107,7 +109,6 @@ def arm_numbers(screws: Any, home: Any, xp: ModuleType) -> Any:
     spoke = xp.where(spherical, hand_side, away)
     spoke = spoke / xp.sqrt(spoke @ spoke)
     radius = xp.where(spherical, 0.0, radius)
-    rotation, position = home[:3, :3], home[:3, 3]
 
     cos_wrist = e4 @ e5
     bent_5 = e5 - cos_wrist * e4
@@ -120,9 +121,9 @@ def arm_numbers(screws: Any, home: Any, xp: ModuleType) -> Any:
     fields = {
         "base": base,
         "shoulder": shoulder,
-        "centre": rotation.T @ (wrist - xp.where(spherical, 0.0, 1.0) * away - position),
-        "spoke": rotation.T @ spoke,
-        "axis_6": rotation.T @ e6,
+        "centre": wrist - xp.where(spherical, 0.0, 1.0) * away - tool,
+        "spoke": spoke,
+        "axis_6": e6,
         "radius": radius,
         "upper_arm": a,
         "forearm": b,
@@ -138,6 +139,13 @@ def arm_numbers(screws: Any, home: Any, xp: ModuleType) -> Any:
         "turn_3": xp.sign(e2 @ e3),
     }
     return xp.concatenate([xp.reshape(fields[name], (-1,)) for name in FIELDS])
+
+
+def numbers_are_as_known(known: KnownNumbers, numbers: Any) -> Any:
+    """Whether the numbers of a traced arm that are known are what they are taken for."""
+    taken = [(i, x) for i, x in enumerate(known) if x is not None]
+    places, values = np.array([i for i, _ in taken]), np.array([x for _, x in taken])
+    return (abs(numbers[places] - values) < AXES_MEET.of(numbers.dtype)).all()
 
 
 def known_numbers(numbers: np.ndarray) -> KnownNumbers:
@@ -167,16 +175,7 @@ class OffsetWristArm:
 
 def offset_wrist_arm(screws: np.ndarray) -> OffsetWristArm | None:
     """The arm's structure if it belongs to the family of the Niryo arms, else None."""
-    if len(screws) != 6 or set(joint_kinds(screws)) != {"revolute"}:
-        return None
-    wanted = {
-        (0, 1): AxisRelation.INTERSECTING,
-        (1, 2): AxisRelation.PARALLEL,
-        (3, 4): AxisRelation.INTERSECTING,
-    }
-    if any(relation(screws[i], screws[j]) is not want for (i, j), want in wanted.items()):
-        return None
-    if relation(screws[4], screws[5]) in (AxisRelation.PARALLEL, AxisRelation.COINCIDENT):
+    if len(screws) != 6 or not is_offset_wrist(screws):
         return None
     shoulder, wrist = meeting_point(screws[0], screws[1]), meeting_point(screws[3], screws[4])
     upper_arm = perpendicular_to(screws[2], shoulder)

@@ -252,7 +252,7 @@ def _turns_freely(robot: Robot) -> bool:
     """Whether the first joint does all that a turn of the base about the vertical would do."""
     about_z = np.abs(np.abs(robot.known_screws()[0]) - (0, 0, 1, 0, 0, 0))
     free = np.isneginf(robot.lower[0]) and np.isposinf(robot.upper[0])
-    return bool(free and np.all(about_z < AXES_PARALLEL))
+    return bool(free and np.all(about_z < AXES_PARALLEL.of(float)))
 
 
 def _region(

@@ -58,8 +58,10 @@ class Algorithm(Protocol):
         `held` (..., 1), or none."""
         ...
 
-    def first_pass(self, geometry: Geometry, goal: Goal) -> tuple[Candidates, jax.Array]:
-        """The candidates, and (rows,) an `UnreachableReason`."""
+    def first_pass(
+        self, geometry: Geometry, target: Lanes, goal: Goal
+    ) -> tuple[Candidates, jax.Array]:
+        """The candidates, and (rows,) an `UnreachableReason`; `target` is the pose of `goal`."""
         ...
 
     def second_pass(self, goal: Goal, live: jax.Array, limits: Limits) -> Answer:
@@ -81,11 +83,13 @@ class OffsetWrist:
         del held
         return self.whole
 
-    def first_pass(self, geometry: Geometry, goal: Goal) -> tuple[Candidates, jax.Array]:
+    def first_pass(
+        self, geometry: Geometry, target: Lanes, goal: Goal
+    ) -> tuple[Candidates, jax.Array]:
         """By a scan of few nodes."""
         del geometry
         rows, dtype = goal.pose.shape[0], goal.pose.dtype
-        circle = wrist_circle(self.arm, lanes.contiguous_lanes(goal.pose, 2))
+        circle = wrist_circle(self.arm, target)
         candidates = scan_candidates(self.arm, circle, rows, dtype)
         return candidates, reason_out_of_reach(circle, rows, dtype)
 
@@ -129,10 +133,11 @@ class ClosedForm:
         screws = np.stack([*whole.screws[:joint], *behind])
         return Geometry(screws, lanes.materialised(pose), kinds)
 
-    def first_pass(self, geometry: Geometry, goal: Goal) -> tuple[Candidates, jax.Array]:
+    def first_pass(
+        self, geometry: Geometry, target: Lanes, goal: Goal
+    ) -> tuple[Candidates, jax.Array]:
         """In closed form; there is no other proof than that it has no root."""
         rows, dtype = goal.pose.shape[0], goal.pose.dtype
-        target = lanes.contiguous_lanes(goal.pose, 2)
         angle = Lane(goal.held[:, 0]) if self.plan.by_arm_angle else None
         candidates = families.candidates(self.plan.family, geometry, target, angle, rows, dtype)
         return candidates, jnp.full(rows, UnreachableReason.NONE, jnp.int32)
@@ -140,7 +145,8 @@ class ClosedForm:
     def second_pass(self, goal: Goal, live: jax.Array, limits: Limits) -> Answer:
         """The same candidates, polished by Newton's method."""
         geometry = self.free_arm(goal.held)
-        candidates, _ = self.first_pass(geometry, goal)
+        target = lanes.contiguous_lanes(goal.pose, 2)
+        candidates, _ = self.first_pass(geometry, target, goal)
         return by_polish(geometry, candidates, goal.pose, live, limits, self.periodic, self.slots)
 
 

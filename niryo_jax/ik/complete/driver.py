@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
+from niryo_jax import lanes
 from niryo_jax.execution.compaction import at_once, for_each_chunk
 from niryo_jax.execution.devices import BatchSharding, on_each_device
 from niryo_jax.execution.padding import BLOCK, is_small
@@ -22,8 +24,12 @@ from niryo_jax.ik.results.ranking import Answer, Ranked, rank_lanes
 from niryo_jax.ik.results.solutions import IKSolutions
 from niryo_jax.ik.results.status import UnreachableReason
 from niryo_jax.ik.target import make_target
+from niryo_jax.lanes import Lanes
+from niryo_jax.lie import se3
 from niryo_jax.specialise import Geometry, specialised
+from niryo_jax.structure.conditions import is_offset_wrist, plan_fits
 from niryo_jax.structure.families import ClosedFormPlan
+from niryo_jax.structure.offset_wrist import arm_numbers, numbers_are_as_known
 from niryo_jax.tolerances import LIMIT_ROUNDING
 
 _CHUNK = 512
@@ -32,7 +38,7 @@ _SHARE_OPEN = 8
 """The first pass leaves at most about one pose in so many to the second."""
 
 
-@specialised
+@specialised(tool_is_data=True)
 def complete_solutions(
     geometry: Geometry,
     pose: jax.Array,
@@ -60,17 +66,27 @@ def complete_solutions(
     target = make_target(pose)
     usable = jnp.isfinite(held)
     target = target._replace(valid=target.valid & jnp.all(usable, axis=-1))
+    sound = _has_structure(geometry, structure, pose.dtype)
     goal = Goal(target.pose, jnp.where(usable, held, 0.0))
     limits = lower, upper
     free = limits if joint is None else (jnp.delete(lower, joint), jnp.delete(upper, joint))
 
     def solve(
-        geometry: Geometry, numbers: jax.Array, limits: Limits, goal: Goal, valid: jax.Array
+        geometry: Geometry,
+        numbers: jax.Array,
+        limits: Limits,
+        sound: jax.Array,
+        goal: Goal,
+        valid: jax.Array,
     ) -> Answer:
-        return solve_rows(algorithm_for(structure, geometry, numbers), goal, valid, limits)
+        rotation, position = se3.split(geometry.home)
+        home = se3.assemble(lanes.identity(3), position)
+        arm = Geometry(geometry.screws, home, geometry.kinds)
+        algorithm = algorithm_for(structure, arm, numbers)
+        return solve_rows(algorithm, rotation, goal, valid, limits, sound)
 
-    solve = on_each_device(solve, sharding, same=3)
-    answer = solve(geometry, numbers, free, goal, target.valid)
+    solve = on_each_device(solve, sharding, same=4)
+    answer = solve(geometry, numbers, free, sound, goal, target.valid)
     solutions = answer.solutions
     if joint is not None:
         solutions = _with_locked_joint(solutions, joint, goal.held, limits)
@@ -83,18 +99,63 @@ def complete_solutions(
     return assemble(Answer(solutions, unreachable, answer.proved), target, limits, periodic)
 
 
-def solve_rows(algorithm: Algorithm, goal: Goal, valid: jax.Array, limits: Limits) -> Answer:
-    """All solutions of a batch of goals."""
+def _has_structure(geometry: Geometry, structure: Structure, dtype: np.dtype) -> jax.Array:
+    """Whether a traced arm is still what it was taken for while tracing; a concrete one is."""
+    if "any" not in geometry.kinds:
+        return jnp.asarray(True)
+    screws = jnp.stack([jnp.asarray(x.value, dtype) for x in geometry.screws.ravel()])
+    screws = screws.reshape(geometry.joints, 6)
+    if isinstance(structure, ClosedFormPlan):
+        return jnp.asarray(plan_fits(structure, screws, jnp))
+    numbers = arm_numbers(screws, jnp.zeros(3, dtype), jnp)
+    return is_offset_wrist(screws, jnp) & numbers_are_as_known(structure, numbers)
+
+
+def solve_rows(
+    algorithm: Algorithm,
+    rotation: Lanes,
+    goal: Goal,
+    valid: jax.Array,
+    limits: Limits,
+    sound: jax.Array,
+) -> Answer:
+    """All solutions of a batch of goals.
+
+    Args:
+        algorithm: of an arm whose tool frame is turned as the space frame is at home.
+        rotation: how it is turned in truth.
+        goal: what is asked for, of the true tool frame.
+        valid: (rows,) which rows to solve.
+        limits: of the joints.
+        sound: whether the arm is what the algorithm takes it for; else nothing is proved.
+    """
     size = goal.pose.shape[0]
+
+    def untwisted(pose: jax.Array) -> Lanes:
+        """The tool's rotation becomes a number of the poses, and is no number of the arm."""
+        turned, place = se3.split(lanes.unpack(pose, 2))
+        return lanes.materialised(se3.assemble(turned @ rotation.T, place))
+
+    def second_pass(goal: Goal, live: jax.Array) -> Answer:
+        pose = lanes.pack(untwisted(goal.pose), live.shape, goal.pose.dtype)
+        return _if_sound(algorithm.second_pass(goal._replace(pose=pose), live, limits), sound)
+
     if is_small(size):
-        return algorithm.second_pass(goal, valid, limits)
+        return second_pass(goal, valid)
     block = at_once(BLOCK, size)
     blocks = jax.tree.map(lambda x: x.reshape(size // block, block, *x.shape[1:]), (goal, valid))
-    parts = jax.lax.map(lambda part: _first_pass(algorithm, part[0], part[1], limits), blocks)
+
+    def first_pass(part: tuple[Goal, jax.Array]) -> tuple[Answer, jax.Array]:
+        goal, valid = part
+        answer = _first_pass(algorithm, untwisted(goal.pose), goal, valid, limits)
+        answer = _if_sound(answer, sound)
+        return answer, valid & ~answer.proved
+
+    parts = jax.lax.map(first_pass, blocks)
     answer, left = jax.tree.map(lambda x: x.reshape(size, *x.shape[2:]), parts)
 
     def solve_again(answer: Answer, rows: jax.Array, live: jax.Array) -> Answer:
-        part = algorithm.second_pass(jax.tree.map(lambda x: x[rows], goal), live, limits)
+        part = second_pass(jax.tree.map(lambda x: x[rows], goal), live)
         where = jnp.where(live, rows, size)
         return jax.tree.map(lambda x, y: x.at[where].set(y, mode="drop"), answer, part)
 
@@ -102,13 +163,20 @@ def solve_rows(algorithm: Algorithm, goal: Goal, valid: jax.Array, limits: Limit
     return for_each_chunk(left, chunk, solve_again, answer)
 
 
+def _if_sound(answer: Answer, sound: jax.Array) -> Answer:
+    """The answer, but for what it proves of an arm that is not what it was taken for."""
+    none = jnp.int32(UnreachableReason.NONE)
+    unreachable = jnp.where(sound, answer.unreachable, none)
+    return Answer(answer.solutions, unreachable, answer.proved & sound)
+
+
 def _first_pass(
-    algorithm: Algorithm, goal: Goal, valid: jax.Array, limits: Limits
-) -> tuple[Answer, jax.Array]:
-    """The answers of the first pass, and which poses it leaves open."""
+    algorithm: Algorithm, target: Lanes, goal: Goal, valid: jax.Array, limits: Limits
+) -> Answer:
+    """The answers of the first pass, which leaves open what it does not prove."""
     geometry = algorithm.free_arm(goal.held)
-    candidates, unreachable = algorithm.first_pass(geometry, goal)
-    errors = pose_errors(geometry, goal.pose, candidates.q)
+    candidates, unreachable = algorithm.first_pass(geometry, target, goal)
+    errors = pose_errors(geometry, target, candidates.q)
     position, rotation = (in_slots(error, candidates.exists.shape) for error in errors)
     near = within_tolerance(position, rotation, size=extent(goal.pose))
     reachable = unreachable == UnreachableReason.NONE
@@ -125,7 +193,7 @@ def _first_pass(
     )
     lost = possible & ~near & may_take_pose(geometry.joints, position, rotation)
     proved = ~reachable | (candidates.proved & ~jnp.any(lost, axis=0))
-    return Answer(ranked, unreachable, proved), valid & ~proved
+    return Answer(ranked, unreachable, proved)
 
 
 def _with_locked_joint(solutions: Ranked, joint: int, value: jax.Array, limits: Limits) -> Ranked:

@@ -81,10 +81,11 @@ class CompleteSolver:
         """The numbers of an offset-wrist arm that are not known while tracing."""
         if isinstance(self.structure, ClosedFormPlan):
             return np.zeros(0)
-        if is_concrete(robot.screws, robot.home):
-            numbers = concrete_numbers(np.asarray(robot.screws), np.asarray(robot.home))
+        tool = robot.home[:3, 3]
+        if is_concrete(robot.screws, tool):
+            numbers = concrete_numbers(np.asarray(robot.screws), np.asarray(tool))
         else:
-            numbers = arm_numbers(robot.screws, robot.home, jnp)
+            numbers = arm_numbers(robot.screws, tool, jnp)
         return numbers[np.array([i for i, x in enumerate(self.structure) if x is None])]
 
 

@@ -33,8 +33,8 @@ def error_twist(
     return twist, jacobian, lanes.norm(away)
 
 
-def pose_errors(geometry: Geometry, target: jax.Array, q: Lanes) -> tuple[jax.Array, jax.Array]:
-    """Metres and radians by which joint vectors that nearly reach (..., 4, 4) targets miss them."""
+def pose_errors(geometry: Geometry, target: Lanes, q: Lanes) -> tuple[jax.Array, jax.Array]:
+    """Metres and radians by which joint vectors that nearly reach (4, 4) targets miss them."""
     motion: Motion | None = None
     for joint, angle in enumerate(q):
         step = joint_motion(geometry, joint, angle, materialise=True)
@@ -45,8 +45,8 @@ def pose_errors(geometry: Geometry, target: jax.Array, q: Lanes) -> tuple[jax.Ar
             motion = rotation, position
     home = se3.split(geometry.home)
     rotation, position = home if motion is None else compose(motion, home)
-    goal = se3.split(lanes.contiguous_lanes(target, 2))
-    metres, radians = map(lanes.materialise, pose_difference((rotation, position), goal))
+    difference = pose_difference((rotation, position), se3.split(target))
+    metres, radians = map(lanes.materialise, difference)
     return metres.array, radians.array
 
 
