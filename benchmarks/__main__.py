@@ -1,7 +1,7 @@
 """Every benchmark, or those named, each in processes of its own.
 
     python -m benchmarks [lanes floors kinematics lie compiling first_answer devices complete_ik
-                          robots workspace] [--save]
+                          robots honesty workspace] [--save]
 
 Peers that are not installed are left out and named. Install them with `pip install --group peers`;
 they are of many licences, and none is a dependency of niryo_jax.
@@ -27,6 +27,7 @@ PARTS = (
     "devices",
     "complete_ik",
     "robots",
+    "honesty",
     "workspace",
 )
 

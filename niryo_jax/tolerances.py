@@ -70,6 +70,17 @@ SAME_SOLUTION = ByDtype(1e-6, 1e-3)
 LIMIT_ROUNDING = ByDtype(1e-9, 1e-5)
 """A joint beyond its limit by less than this (radians) is at its limit."""
 
+MERGED_ROOT = ByDtype(2e-7, 5e-3)
+"""Where two solutions merge, rounding moves a joint by its square root (radians)."""
+
+LOOSE_ROOT = 1e-4
+"""An equation p cos x + q sin x + c = 0 fixes its root loosely where p^2 + q^2 - c^2 is below this
+share of the square of its size: rounding is then magnified a hundred times and more..."""
+
+DEGENERATE_ROOT = ByDtype(1e-6, 1e-2)
+"""... and an equation behind it may miss its root by less than this share of its size: the square
+root of rounding, a few times over."""
+
 SUBPROBLEM_PARALLEL = ByDtype(1e-9, 1e-5)
 """The two axes of a subproblem are parallel where the sine of their angle is below this."""
 

@@ -29,7 +29,9 @@ def inverse_kinematics(
     """All joint vectors that bring the tool to a pose, for a batch of poses.
 
     Args:
-        robot: the arm. A traced robot keeps the structure of the concrete one it was made from.
+        robot: the arm. A traced robot is solved as the concrete one that it was made from; the
+            program looks whether its axes still lie as those did, and where they do not, nothing
+            is called complete or unreachable.
         pose: (..., 4, 4) targets in the space frame, metres. Poses that are slightly off SE(3),
             as printed ones are, are projected to it and the distance is reported.
         method: how to solve; where not given, the first of these that fits the arm.

@@ -6,7 +6,9 @@ solutions are told apart by signs. The motion to supply is T M^-1 = exp(S1 q1) .
 
 from __future__ import annotations
 
+import functools
 import itertools
+import operator
 from collections.abc import Callable
 from typing import Any
 
@@ -76,8 +78,12 @@ def candidates(
     q = lanes.materialised(lanes.lanes_of([joint_motion.joint_value(move) for move in found]))
     slots = 2**family.signs
     exists, singular = jnp.bool_(True), jnp.int32(Singularity.NONE)
-    for name, of_equation in roots:
-        exists = exists & of_equation.exist
+    for i, (name, of_equation) in enumerate(roots):
+        # A double root of one equation is off by the square root of rounding, which makes it look
+        # to another equation as if that had no root.
+        others = [other.loose for j, (_, other) in enumerate(roots) if j != i]
+        loose = functools.reduce(operator.or_, others, np.bool_(False))
+        exists = exists & (of_equation.exist | (of_equation.near & loose))
         named = name in (Singularity.WRIST, Singularity.SHOULDER)
         endless = name if named else Singularity.SELF_MOTION
         double = Singularity.MERGED if name is Singularity.SHOULDER else name

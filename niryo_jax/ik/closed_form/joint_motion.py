@@ -120,19 +120,21 @@ class Roots(NamedTuple):
         exist: whether there are roots, to within what a polish can decide.
         double: whether two roots are one.
         free: whether every value is a root.
+        near: whether there would be roots if the equation were off by what another equation's
+            loose root makes of rounding.
+        loose: whether rounding moves the roots by much more than itself.
     """
 
     exist: Condition
     double: Condition
     free: Condition
-
-    def also(self, other: Roots) -> Roots:
-        """The same of the equations of both."""
-        exist, double, free = other
-        return Roots(self.exist & exist, self.double | double, self.free | free)
+    near: Condition
+    loose: Condition
 
 
-ONE_ROOT = Roots(np.bool_(True), np.bool_(False), np.bool_(False))
+_YES, _NO = np.bool_(True), np.bool_(False)
+
+ONE_ROOT = Roots(exist=_YES, double=_NO, free=_NO, near=_YES, loose=_NO)
 """Of a linear equation."""
 
 Signs = Callable[[], Lane]

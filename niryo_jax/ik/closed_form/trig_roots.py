@@ -12,7 +12,13 @@ import numpy as np
 from niryo_jax import lanes
 from niryo_jax.ik.closed_form.joint_motion import Roots, turn_of
 from niryo_jax.lanes import Lane, Lanes
-from niryo_jax.tolerances import CLOSED_FORM, SINGULAR_ANGLE, VANISHING_LENGTH
+from niryo_jax.tolerances import (
+    CLOSED_FORM,
+    DEGENERATE_ROOT,
+    LOOSE_ROOT,
+    SINGULAR_ANGLE,
+    VANISHING_LENGTH,
+)
 
 
 def sinusoid_root(
@@ -40,12 +46,14 @@ def sinusoid_root(
     length = lanes.sqrt(square)
     some = length > VANISHING_LENGTH.of(dtype)
     per = lanes.materialise(lanes.select(some, 1.0 / lanes.select(some, length, 1.0), 0.0))
+    close = abs(constant) <= length + DEGENERATE_ROOT.of(dtype) * scale
     p, q, constant = p * per, q * per, constant * per
     far = sign * lanes.sqrt(inside * per * per)
     turn = turn_of(-constant * p - far * q, far * p - constant * q)
     free = length <= rounding * scale
     exist = inside >= -rounding * (square + rounding * scale * scale)
-    return turn, Roots(exist, inside <= (near * near) * square, free)
+    loose = inside <= LOOSE_ROOT * scale * scale
+    return turn, Roots(exist, inside <= (near * near) * square, free, close, loose)
 
 
 def quadratic_root(half: Lane, rest: Lane, sign: Lane | float, scale: Lane) -> tuple[Lane, Roots]:
@@ -62,4 +70,6 @@ def quadratic_root(half: Lane, rest: Lane, sign: Lane | float, scale: Lane) -> t
     root = half + sign * lanes.sqrt(inside)
     square = scale * scale
     exist = inside >= -rounding * square
-    return root, Roots(exist, inside <= (near * near) * square, np.bool_(False))
+    close = inside >= -DEGENERATE_ROOT.of(dtype) * square
+    loose = inside <= LOOSE_ROOT * square
+    return root, Roots(exist, inside <= (near * near) * square, np.bool_(False), close, loose)

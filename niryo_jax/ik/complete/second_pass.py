@@ -213,5 +213,5 @@ def _polished(
         where = jnp.where(live, at, pose.shape[0])
         return state.replace(where, _Solved(q, position, rotation, state.label[at]))
 
-    chunk = min(_chunk(rows, _POLISHED, rows // 8), pose.shape[0])
+    chunk = min(_chunk(rows, _POLISHED, max(rows // 8, 4096)), pose.shape[0])
     return for_each_chunk(rough, chunk, polish, solved)

@@ -33,7 +33,7 @@ from niryo_jax.tolerances import (
 _WIDTH = 512
 _DEPTH = 48
 _ITEMS = 8192
-_ROOTS, _MORE_ROOTS = 36, 512
+_ROOTS = 64
 _REFINEMENTS = 9
 BRACKET, TOUCHING, CROSSING, SELF_MOTION = 0, 1, 2, 3
 
@@ -60,12 +60,22 @@ class Roots(NamedTuple):
 
 
 class _State(NamedTuple):
-    # Rows (pose, kind * 4 + branch, low, high, f(low), f(high)).
+    """Intervals that wait, roots that are found, and what each pose has had of both.
+
+    Attributes:
+        stack, size: rows (pose, kind * 4 + branch, low, high, f(low), f(high)), of which the first
+            `size` wait.
+        roots, number: the same of roots.
+        spent: (rows,) intervals that were looked at for each pose.
+        held: (rows,) roots that were found for each pose.
+    """
+
     stack: jax.Array
     size: jax.Array
     roots: jax.Array
     number: jax.Array
-    steps: jax.Array
+    spent: jax.Array
+    held: jax.Array
 
 
 def find_roots(
@@ -79,29 +89,31 @@ def find_roots(
         live: (rows,) which rows to solve.
     """
     rows, dtype = len(circles.array), circles.array.dtype
-    most = _ROOTS * rows + min(_MORE_ROOTS, 128 * rows)
     # Few poses have few intervals that are open at once.
     width = min(at_once(_WIDTH, 2 * rows), 64 * rows)
-    steps = -(-_ITEMS * rows // width)
+    # What one step finds may be more than a pose is given.
+    most = _ROOTS * rows + 2 * width
     first, certain, start = _first_intervals(arm, circles, live)
     stack = jnp.zeros((first.shape[0] + width * _DEPTH, 6), dtype)
     stack, size = _append(stack, jnp.int32(0), first, ~certain)
     roots = jnp.full((most, 6), -1.0, dtype)
     roots, count = _append(roots, jnp.int32(0), first, start)
-    state = _State(stack, size, roots, count, jnp.int32(0))
+    nothing = jnp.zeros(rows, jnp.int32)
+    held = _tally(nothing, first[:, 0], start)
+    state = _State(stack, size, roots, count, nothing, held)
     state = jax.lax.while_loop(
-        lambda state: (state.size > 0) & (state.steps < steps),
-        lambda state: _step(arm, circles, width, state),
-        state,
+        lambda state: state.size > 0, lambda state: _step(arm, circles, width, state), state
     )
-    roots, count, unproved = jax.lax.cond(
-        state.size > 0,
-        lambda state: _give_up(state, rows),
-        lambda state: (state.roots, state.number, jnp.zeros(rows, bool)),
-        state,
-    )
+    roots, count = state.roots, state.number
     pose = jnp.where(jnp.arange(most) < count, roots[:, 0].astype(jnp.int32), rows)
-    return Roots(pose, roots, count, live & ~unproved & (count <= most))
+    # What is left when a pose's share of the work runs out is not proved.
+    complete = live & (state.spent <= _ITEMS) & (state.held <= _ROOTS) & (count <= most)
+    return Roots(pose, roots, count, complete)
+
+
+def _tally(counts: jax.Array, pose: jax.Array, which: jax.Array) -> jax.Array:
+    """The counts (rows,), with one more for each of the chosen that belong to a pose."""
+    return counts.at[pose.astype(jnp.int32)].add(which.astype(jnp.int32), mode="drop")
 
 
 def posture_of(arm: OffsetWristParameters, circle: WristCircle, intervals: jax.Array) -> Posture:
@@ -116,15 +128,6 @@ def posture_of(arm: OffsetWristParameters, circle: WristCircle, intervals: jax.A
     sin_cos = lanes.materialise(sin), lanes.materialise(cos)
     crossing = kind == CROSSING
     return posture_or_crossing(arm, circle, sin_cos, *signs, crossing).materialised()
-
-
-def _give_up(state: _State, rows: int) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """What is left when the work runs out is not proved; its sign changes are still roots."""
-    waiting = jnp.arange(state.stack.shape[0]) < state.size
-    pose = jnp.where(waiting, state.stack[:, 0].astype(jnp.int32), rows)
-    unproved = jnp.zeros(rows, bool).at[pose].set(True, mode="drop")
-    changing = waiting & ((state.stack[:, 4] > 0) != (state.stack[:, 5] > 0))
-    return *_append(state.roots, state.number, state.stack, changing), unproved
 
 
 def _first_intervals(
@@ -164,7 +167,12 @@ def _append(
 def _step(
     arm: OffsetWristParameters, circles: RecordRows[WristCircle], width: int, state: _State
 ) -> _State:
-    """Take the top intervals off the stack, prove what can be proved, push halves of the rest."""
+    """Take the top intervals off the stack, prove what can be proved, push halves of the rest.
+
+    Each pose has its share of the work, so that one that needs no end of it (an arm that moves
+    while the tool rests) takes nothing from its neighbours. Beyond it no interval is halved again;
+    a change of sign is still a root.
+    """
     dtype = circles.array.dtype
     start = jnp.maximum(state.size - width, 0)
     items = jax.lax.dynamic_slice_in_dim(state.stack, start, width)
@@ -172,6 +180,9 @@ def _step(
     pose, code, low, high, f_low, f_high = (lane.array for lane in lanes.contiguous_lanes(items))
     branch = code % 4
     signs = condition.branch_signs(branch.astype(jnp.int32), dtype)
+    spent = _tally(state.spent, pose, live)
+    row = jnp.clip(pose.astype(jnp.int32), 0, len(state.spent) - 1)
+    given_up = spent[row] > _ITEMS
     middle, reach = 0.5 * (low + high), 0.5 * (high - low)
     circle = circles[pose.astype(jnp.int32)]
     f_middle, found, t = condition.at(arm, circle, signs, middle)
@@ -198,8 +209,9 @@ def _step(
         code = branch + 4 * jnp.where(proved, BRACKET, TOUCHING).astype(dtype)
         code = jnp.where(crossing, of_root, code)
         halves.append(jnp.stack([pose, code, a, b, f_a, f_b], -1))
-        roots.append(live & (crossing | jnp.where(proved, change, narrow & touching)))
-        certain.append(proved | narrow | crossing | ~live)
+        ends = jnp.where(proved | given_up, change, narrow & touching)
+        roots.append(live & (crossing | ends))
+        certain.append(proved | narrow | crossing | given_up | ~live)
     if not arm.is_planar:
         nowhere = live & _is_infeasible(arm, found, t, circle, reach)
         roots = [root & ~nowhere for root in roots]
@@ -209,9 +221,11 @@ def _step(
         jnp.concatenate(roots),
         ~jnp.concatenate(certain),
     )
+    held = _tally(state.held, both[:, 0], is_root)
     stack, size = _append(state.stack, start, both, is_open)
-    found_roots, count = _append(state.roots, state.number, both, is_root)
-    return _State(stack, size, found_roots, count, state.steps + 1)
+    has_room = jnp.tile(state.held[row] < _ROOTS, 2)
+    found_roots, count = _append(state.roots, state.number, both, is_root & has_room)
+    return _State(stack, size, found_roots, count, spent, held)
 
 
 def _is_infeasible(

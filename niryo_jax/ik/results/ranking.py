@@ -17,8 +17,9 @@ import numpy as np
 from niryo_jax import lanes
 from niryo_jax.ik.results.candidates import JointVectors, in_slots
 from niryo_jax.ik.results.limits import Limits, limit_margin, wrap_into_limits
+from niryo_jax.ik.results.status import Singularity
 from niryo_jax.lanes import Lane, Lanes
-from niryo_jax.tolerances import LIMIT_ROUNDING
+from niryo_jax.tolerances import LIMIT_ROUNDING, MERGED_ROOT
 
 
 class Ranked(NamedTuple):
@@ -85,15 +86,23 @@ def rank(vectors: JointVectors, limits: Limits, periodic: tuple[bool, ...], slot
     kept = jnp.take_along_axis(found, order, axis=-1)
     kept = jnp.pad(kept, [(0, 0)] * (kept.ndim - 1) + [(0, missing)]) if missing else kept
     margin = in_order(margin, -jnp.inf)
+    singularity = in_order(vectors.singularity, 0)
     return Ranked(
         q=in_order(q, 0.0),
         found=kept,
-        within=kept & (margin >= -LIMIT_ROUNDING.of(q.dtype)),
+        within=kept & (margin >= -_allowance(singularity, q.dtype)),
         position_error=in_order(vectors.position_error, jnp.inf),
         rotation_error=in_order(vectors.rotation_error, jnp.inf),
         label=in_order(label, -1),
-        singularity=in_order(vectors.singularity, 0),
+        singularity=singularity,
     )
+
+
+def _allowance(singularity: jax.Array, dtype: np.dtype) -> jax.Array:
+    """How far beyond a limit a joint is at it."""
+    at = LIMIT_ROUNDING.of(dtype), MERGED_ROOT.of(dtype)
+    exact, merged = (jnp.asarray(x, dtype) for x in at)
+    return jnp.where(singularity == Singularity.NONE, exact, merged)
 
 
 def rank_lanes(
@@ -142,7 +151,7 @@ def rank_lanes(
     rank = jnp.where(found, rank, count)
     label = label.astype(dtype)
     sheet = tally(lambda i: (label[i] == label) & (worth[i] > -jnp.inf) & (i < number))
-    within = worth >= -rounding
+    within = worth >= -_allowance(singularity, dtype)
     # One small number for all that is not a real one.
     code = label + 8 * sheet + 1 + 256 * singularity.astype(dtype)
     code = code + 4096 * as_number(found) + 8192 * as_number(within)

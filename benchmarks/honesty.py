@@ -1,0 +1,207 @@
+"""Whether what is said of a pose is true: no false proof, nothing spurious, at singularities too.
+
+    python -m benchmarks.honesty [--poses 200] [--variants 2] [--arms FILE] [--save]
+
+Poses are made by forward kinematics, so each has a solution that is known: a quarter with joints at
+multiples of 45 degrees, where axes align and arms stretch. The arms are those that are shipped, as
+they are and with errors of 1e-9 to 1e-2 in every axis, of numpy and of jax arrays, called as they
+are and inside of `jax.jit`; and those of a JSON file {"arms": {name: {"screws", "home", "lower",
+"upper"}}}. A pose that is called unreachable, an answer called complete without the joint vector
+that made the pose (or, at a singularity, without any), and a joint vector that misses its pose make
+it fail.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import niryo_jax as nj
+from benchmarks import reference
+from benchmarks.measure import Report, about, header, table
+
+ERRORS = 1e-9, 1e-6, 1e-4, 1e-2
+"""Radians and metres by which axes are off."""
+
+MISS = 1e-9
+"""Metres and entries of a rotation by which a solution may miss: what multi-start promises."""
+
+SAME = 1e-4
+"""Radians within which a joint vector is the one that made a pose."""
+
+SINGULAR = 1e-7
+"""The smallest singular value of the Jacobian below which a posture is singular."""
+
+_solve = jax.jit(lambda robot, pose: nj.inverse_kinematics(robot, pose))
+
+
+@dataclasses.dataclass
+class Case:
+    """An arm, and how it is handed over."""
+
+    kind: str
+    robot: nj.Robot
+    jitted: bool = False
+
+    def solve(self, pose: np.ndarray) -> nj.IKSolutions:
+        """All solutions of the poses."""
+        if self.jitted:
+            return _solve(self.robot, pose)
+        return nj.inverse_kinematics(self.robot, pose)
+
+
+def off(robot: nj.Robot, size: float, rng: np.random.Generator) -> np.ndarray:
+    """Screws (n, 6) that are moved by twists of that size, each of its own."""
+    screws = np.array(robot.screws)
+    for screw in screws:
+        if np.any(screw[:3]):
+            turn, shift = rng.normal(size=(2, 3)) * size
+            screw[:3] += np.cross(turn, screw[:3])
+            screw[:3] /= np.linalg.norm(screw[:3])
+            point = np.cross(np.array(screw[:3]), screw[3:]) + shift
+            screw[3:] = np.cross(point, screw[:3])
+    return screws
+
+
+def cases(names: tuple[str, ...], variants: int) -> Iterator[Case]:
+    """The shipped arms, as they are and changed."""
+    for name in names:
+        robot = nj.robots.load(name)
+        rng = np.random.default_rng(sum(map(ord, name)))
+        as_jax = jax.tree.map(jnp.asarray, robot)
+        yield Case("numpy", robot)
+        yield Case("jax arrays, jit", as_jax, jitted=True)
+        tool = np.array(nj.se3.exp(rng.normal(size=6)))
+        yield Case("another tool", robot.with_tool(tool))
+        for size in ERRORS:
+            for _ in range(variants):
+                screws = off(robot, size, rng)
+                # What an optimiser makes of a tree: the numbers change, what is assumed stays.
+                moved = dataclasses.replace(as_jax, screws=jnp.asarray(screws))
+                yield Case(f"off by {size:g}", moved)
+                leaves = [moved.screws, moved.home, moved.lower, moved.upper]
+                stale = jax.tree.unflatten(jax.tree.structure(as_jax), leaves)
+                yield Case(f"off by {size:g}, jit", stale, jitted=True)
+
+
+def from_file(path: Path) -> Iterator[Case]:
+    """The arms of a file."""
+    for name, arm in json.loads(path.read_text())["arms"].items():
+        lower, upper = (
+            [sign * np.inf if x is None else x for x in arm[key]]
+            for key, sign in (("lower", -1), ("upper", 1))
+        )
+        robot = nj.Robot.from_screws(
+            arm["screws"], arm["home"], lower=lower, upper=upper, name=name
+        )
+        yield Case(f"{robot.joints} joints of a file", robot)
+
+
+def joint_vectors(robot: nj.Robot, poses: int, rng: np.random.Generator) -> np.ndarray:
+    """(poses, n) within the limits, a quarter of them with all turns at multiples of 45 degrees."""
+    low, high = (
+        np.nan_to_num(np.asarray(x), neginf=-np.pi, posinf=np.pi)
+        for x in (robot.lower, robot.upper)
+    )
+    q = rng.uniform(low, high, (poses, robot.joints))
+    few = poses // 4
+    turns = np.any(np.asarray(robot.screws)[:, :3], axis=1)
+    step = np.pi / 4
+    steps = rng.integers(np.ceil(low / step), np.floor(high / step) + 1, (few, robot.joints))
+    q[:few] = np.where(turns, steps * step, q[:few])
+    return np.clip(q, low, high)
+
+
+def judged(case: Case, poses: int, seed: int) -> dict[str, Any]:
+    """Counts of what was said of the poses."""
+    robot = case.robot
+    q = joint_vectors(robot, poses, np.random.default_rng(seed))
+    pose = reference.forward_kinematics(_in_numpy(robot), q)
+    answer = jax.block_until_ready(case.solve(pose))
+    found, complete = np.asarray(answer.found), np.asarray(answer.complete)
+    reached = reference.forward_kinematics(_in_numpy(robot), np.asarray(answer.q)[found])
+    wanted = np.broadcast_to(pose[:, None], (*found.shape, 4, 4))[found]
+    scale = 1 + np.abs(wanted[:, :3, 3]).max(axis=1, initial=0)
+    spurious = np.abs(reached - wanted).max(axis=(1, 2), initial=0) > MISS * scale
+    apart = np.abs(np.asarray(answer.q) - q[:, None])
+    turns = np.any(np.asarray(robot.screws)[:, :3], axis=1)
+    apart = np.where(turns, np.minimum(apart % (2 * np.pi), -apart % (2 * np.pi)), apart)
+    made = np.any(found & (apart.max(axis=2) < SAME), axis=1)
+    jacobian = reference.space_jacobian(_in_numpy(robot), q)
+    smallest = np.linalg.svd(jacobian, compute_uv=False)[:, -1]
+    regular = smallest > 1e-3
+    singular = smallest < SINGULAR
+    status = np.asarray(answer.status)
+    # Joints to spare: not all of infinitely many solutions, and those that are named are others.
+    lost = complete & np.where(singular, ~found.any(axis=1), regular & ~made)
+    lost &= robot.joints <= 6
+    return {
+        "poses": poses,
+        "unreachable": int(np.sum(status == nj.IKStatus.UNREACHABLE)),
+        "falsely complete": int(np.sum(lost)),
+        "spurious": int(np.sum(spurious)),
+        "complete": int(np.sum(complete)),
+        "found": int(np.sum(found.any(axis=1))),
+        "in limits": int(np.sum(status == nj.IKStatus.SOLVED)),
+        "made-by": int(np.sum(made | ~regular)),
+        "singular": int(np.sum(singular)),
+    }
+
+
+def _in_numpy(robot: nj.Robot) -> nj.Robot:
+    return dataclasses.replace(
+        robot, screws=np.asarray(robot.screws, float), home=np.asarray(robot.home, float)
+    )
+
+
+FALSE = "unreachable", "falsely complete", "spurious"
+
+
+def measure(todo: list[Case], poses: int) -> Report:
+    """All cases, and a table of the kinds."""
+    facts = about(poses=poses, arms=len(todo))
+    report = Report("Honesty", {"about": facts, "cases": []}, [header(facts)])
+    kinds: dict[str, dict[str, int]] = {}
+    for seed, case in enumerate(todo):
+        counts = judged(case, poses, seed)
+        text = f"{case.robot.name}, {case.kind}"
+        print(f"  {text}: {counts}", flush=True)
+        report.data["cases"].append({"case": text, **counts})
+        report.wrong += [f"{text}: {counts[name]} {name}" for name in FALSE if counts[name]]
+        total = kinds.setdefault(re.sub("^off by", "axes off by", case.kind), {"arms": 0})
+        for name, count in {"arms": 1, **counts}.items():
+            total[name] = total.get(name, 0) + count
+    names = list(next(iter(kinds.values())))
+    rows = [[kind, *(f"{total[name]:,}" for name in names)] for kind, total in kinds.items()]
+    report.sections.append(table(["arms", *names], rows))
+    return report
+
+
+def main() -> int:
+    """Judge, print, and fail where something false is said."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--poses", type=int, default=200)
+    parser.add_argument("--variants", type=int, default=2)
+    parser.add_argument("--arms", type=Path, help="a JSON file of further arms")
+    parser.add_argument("--only", nargs="*", help="of these shipped arms alone")
+    parser.add_argument("--save", action="store_true", help="write to benchmarks/results/")
+    options = parser.parse_args()
+    jax.config.update("jax_enable_x64", True)
+    names = nj.robots.names() if options.only is None else tuple(options.only)
+    todo = list(cases(names, options.variants))
+    if options.arms is not None:
+        todo += from_file(options.arms)
+    return measure(todo, options.poses).finish("honesty" if options.save else None)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,141 @@
+"""Nothing false is said of a pose: at singularities, at limits, and whoever its neighbours are."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import jax
+import numpy as np
+import pytest
+
+import niryo_jax as nj
+from benchmarks import honesty
+
+
+def offset_arm(axes, points, home) -> nj.Robot:
+    """An arm of the family of the Niryo arms."""
+    return nj.Robot.from_axes(
+        np.array(axes, float),
+        np.array(points, float),
+        home,
+        lower=np.full(6, -np.pi),
+        upper=np.full(6, np.pi),
+    )
+
+
+def place(x: float, y: float, z: float, rotation: np.ndarray | None = None) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, :3] = np.eye(3) if rotation is None else rotation
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+# Large wrist offsets, and a posture in which the arm moves while the tool rests.
+SPOILERS = {
+    "crx10ia": (
+        offset_arm(
+            [[0, 0, 1], [0, 1, 0], [0, -1, 0], [-1, 0, 0], [0, -1, 0], [-1, 0, 0]],
+            [
+                [0, 0, 0],
+                [0, 0, 0.245],
+                [0, 0, 0.785],
+                [0, 0, 0.785],
+                [0.54, 0, 0.785],
+                [0, -0.15, 0.785],
+            ],
+            place(0.7, -0.15, 0.785),
+        ),
+        [180, 0, 90, -45, -90, -90],
+    ),
+    "xarm6": (
+        offset_arm(
+            [[0, 0, 1], [0, 1, 0], [0, 1, 0], [0, 0, -1], [0, 1, 0], [0, 0, -1]],
+            [
+                [0, 0, 0],
+                [0, 0, 0.267],
+                [0.0535, 0, 0.5515],
+                [0.131, 0, 0],
+                [0.131, 0, 0.209],
+                [0.207, 0, 0],
+            ],
+            place(0.207, 0, 0.112, np.diag([1.0, -1, -1])),
+        ),
+        [0, 0, 0, 0, 180, 90],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SPOILERS)
+def test_a_pose_with_no_end_of_solutions_takes_nothing_from_its_neighbours(name, rng):
+    robot, special = SPOILERS[name]
+    q = rng.uniform(-3, 3, (16, 6))
+    alone = nj.inverse_kinematics(robot, nj.forward_kinematics(robot, q))
+    assert np.all(alone.complete)
+    for place in (0, 7, 15):
+        mixed = q.copy()
+        mixed[place] = np.radians(special)
+        answer = nj.inverse_kinematics(robot, nj.forward_kinematics(robot, mixed))
+        others = np.arange(16) != place
+        assert not answer.complete[place]
+        np.testing.assert_array_equal(answer.complete[others], True)
+        np.testing.assert_array_equal(answer.count[others], alone.count[others])
+        np.testing.assert_array_equal(answer.q[others], alone.q[others])
+
+
+@pytest.mark.parametrize("bend", [0.0, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4])
+def test_an_upright_arm_with_a_locked_joint_is_not_called_unreachable(bend):
+    robot = nj.robots.kuka_iiwa14()
+    q = np.random.default_rng(7).uniform(robot.lower, robot.upper, (200, 7))
+    q[:, 1], q[:, 3] = 0.0, bend
+    pose = nj.forward_kinematics(robot, q)
+    answer = nj.inverse_kinematics(robot, pose, locked=(2, q[:, 2]))
+    assert not np.any(answer.status == nj.IKStatus.UNREACHABLE)
+    assert np.mean(np.any(answer.found, axis=-1)) > 0.97
+
+
+def test_two_solutions_that_merge_at_a_limit_lie_within_it():
+    arm = nj.robots.abb_irb1600()
+    w, r = np.asarray(arm.screws)[:, :3], np.cross(arm.screws[:, :3], arm.screws[:, 3:])
+    # The elbow at which the wrist is farthest from axis 2.
+    centre = np.linalg.lstsq(
+        np.concatenate([np.eye(3) - np.outer(w[i], w[i]) for i in (3, 4, 5)]),
+        np.concatenate([r[i] for i in (3, 4, 5)]),
+        rcond=None,
+    )[0]
+    upper, fore = r[2] - r[1], centre - r[2]
+    side = np.cross(w[2], fore)
+    stretched = math.atan2(upper @ side, upper @ fore)
+    upper_limit = np.array(arm.upper)
+    upper_limit[2] = stretched
+    robot = dataclasses.replace(arm, upper=upper_limit)
+    q = np.random.default_rng(1).uniform(robot.lower, robot.upper, (100, 6))
+    q[:, 2] = stretched
+    answer = nj.inverse_kinematics(robot, nj.forward_kinematics(robot, q))
+    np.testing.assert_array_equal(answer.status, nj.IKStatus.SOLVED)
+
+
+@pytest.mark.parametrize("name", ["niryo_one", "abb_irb120", "ur16e", "abb_irb910sc"])
+def test_nothing_false_is_said_at_multiples_of_45_degrees(name):
+    robot = nj.robots.load(name)
+    counts = honesty.judged(honesty.Case("numpy", robot), 400, seed=1)
+    assert [counts[key] for key in honesty.FALSE] == [0, 0, 0]
+    assert counts["found"] >= 0.99 * counts["poses"]
+
+
+def test_the_judge_of_honesty_sees_what_is_false():
+    robot = nj.robots.abb_irb120()
+
+    class Liar(honesty.Case):
+        def solve(self, pose):
+            answer = nj.inverse_kinematics(self.robot, pose)
+            found = answer.found.at[:, 0].set(False)
+            status = answer.status.at[0].set(nj.IKStatus.UNREACHABLE)
+            q = answer.q.at[:, 1].add(0.1)
+            return jax.tree.unflatten(
+                jax.tree.structure(answer),
+                jax.tree.leaves(dataclasses.replace(answer, q=q, found=found, status=status)),
+            )
+
+    counts = honesty.judged(Liar("numpy", robot), 64, seed=1)
+    assert all(counts[key] for key in honesty.FALSE)
