@@ -32,8 +32,11 @@ from niryo_jax.tolerances import (
 
 _WIDTH = 512
 _DEPTH = 48
-_ITEMS = 8192
-_ROOTS = 64
+# Most poses look at 500 intervals and meet 12 roots; next to axis 1 some look at 60,000 and meet
+# the same roots 500 times.
+_ITEMS = 1 << 17
+_ROOTS = 1024
+_ROOM, _MORE_ROOM = 64, 16384
 _REFINEMENTS = 9
 BRACKET, TOUCHING, CROSSING, SELF_MOTION = 0, 1, 2, 3
 
@@ -92,7 +95,7 @@ def find_roots(
     # Few poses have few intervals that are open at once.
     width = min(at_once(_WIDTH, 2 * rows), 64 * rows)
     # What one step finds may be more than a pose is given.
-    most = _ROOTS * rows + 2 * width
+    most = min(_ROOTS * rows, _ROOM * rows + _MORE_ROOM) + 2 * width
     first, certain, start = _first_intervals(arm, circles, live)
     stack = jnp.zeros((first.shape[0] + width * _DEPTH, 6), dtype)
     stack, size = _append(stack, jnp.int32(0), first, ~certain)
@@ -107,8 +110,13 @@ def find_roots(
     roots, count = state.roots, state.number
     pose = jnp.where(jnp.arange(most) < count, roots[:, 0].astype(jnp.int32), rows)
     # What is left when a pose's share of the work runs out is not proved.
-    complete = live & (state.spent <= _ITEMS) & (state.held <= _ROOTS) & (count <= most)
+    complete = live & ~_given_up(state.spent, state.held) & (count <= most)
     return Roots(pose, roots, count, complete)
+
+
+def _given_up(spent: jax.Array, held: jax.Array) -> jax.Array:
+    """Whether a pose has had its share of the work."""
+    return (spent > _ITEMS) | (held > _ROOTS)
 
 
 def _tally(counts: jax.Array, pose: jax.Array, which: jax.Array) -> jax.Array:
@@ -182,7 +190,7 @@ def _step(
     signs = condition.branch_signs(branch.astype(jnp.int32), dtype)
     spent = _tally(state.spent, pose, live)
     row = jnp.clip(pose.astype(jnp.int32), 0, len(state.spent) - 1)
-    given_up = spent[row] > _ITEMS
+    given_up = _given_up(spent[row], state.held[row])
     middle, reach = 0.5 * (low + high), 0.5 * (high - low)
     circle = circles[pose.astype(jnp.int32)]
     f_middle, found, t = condition.at(arm, circle, signs, middle)
@@ -223,7 +231,7 @@ def _step(
     )
     held = _tally(state.held, both[:, 0], is_root)
     stack, size = _append(state.stack, start, both, is_open)
-    has_room = jnp.tile(state.held[row] < _ROOTS, 2)
+    has_room = jnp.tile(state.held[row] <= _ROOTS, 2)
     found_roots, count = _append(state.roots, state.number, both, is_root & has_room)
     return _State(stack, size, found_roots, count, spent, held)
 
