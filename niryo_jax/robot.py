@@ -32,6 +32,7 @@ def _as_leaf(value: ArrayLike) -> Array:
 
 
 _ARRAYS = "screws", "home", "lower", "upper"
+_STATIC = "joint_names", "name", "assumed"
 
 
 @jax.tree_util.register_pytree_with_keys_class
@@ -62,21 +63,17 @@ class Robot:
 
     def __post_init__(self) -> None:
         """Find the structure, which a robot that is traced later brings along."""
-        if is_concrete(self.screws) and np.ndim(self.screws) == 2:
-            object.__setattr__(self, "assumed", structure_of(self.screws))
-
-    def tree_flatten_with_keys(self) -> tuple[list[tuple[Any, Any]], tuple[Any, ...]]:
-        """The four arrays by their names, and the rest."""
-        keyed = [(jax.tree_util.GetAttrKey(name), getattr(self, name)) for name in _ARRAYS]
-        return keyed, (self.joint_names, self.name, self.assumed)
+        object.__setattr__(self, "assumed", self._structure)
 
     def tree_flatten(self) -> tuple[list[Any], tuple[Any, ...]]:
         """The four arrays, and the rest."""
-        return [getattr(self, name) for name in _ARRAYS], (
-            self.joint_names,
-            self.name,
-            self.assumed,
-        )
+        arrays, static = ([getattr(self, name) for name in names] for names in (_ARRAYS, _STATIC))
+        return arrays, tuple(static)
+
+    def tree_flatten_with_keys(self) -> tuple[list[tuple[Any, Any]], tuple[Any, ...]]:
+        """The four arrays by their names, and the rest."""
+        arrays, static = self.tree_flatten()
+        return list(zip(map(jax.tree_util.GetAttrKey, _ARRAYS), arrays)), static
 
     @classmethod
     def tree_unflatten(cls, static: tuple[Any, ...], arrays: Sequence[Any]) -> Robot:
@@ -85,7 +82,7 @@ class Robot:
         What is assumed stays, so that a robot and its rates are trees of one kind.
         """
         robot = object.__new__(cls)
-        for name, value in zip((*_ARRAYS, "joint_names", "name", "assumed"), (*arrays, *static)):
+        for name, value in zip(_ARRAYS + _STATIC, (*arrays, *static)):
             object.__setattr__(robot, name, value)
         return robot
 

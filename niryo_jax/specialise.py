@@ -122,18 +122,21 @@ def _pattern_of(robot: Robot, which: Known) -> tuple[Pattern, jax.Array]:
     return cache[key]
 
 
-def specialised(
-    function: Callable[..., Result] | None = None, *, tool_is_data: bool = False
-) -> Callable[..., Any]:
+def specialised(function: Callable[..., Result]) -> Callable[..., Result]:
     """Make `function(geometry, *arrays, **options)` a jitted `function(robot, *arrays, **options)`.
 
     Options are static: they are given by keyword and hashable. One of them is taken away: with
-    `quick` the program is compiled fast rather than to run fast (`_jax.COMPILE_FAST`). Where the
-    tool is data, arms that differ in their home poses alone share their programs.
+    `quick` the program is compiled fast rather than to run fast (`_jax.COMPILE_FAST`).
     """
-    if function is None:
-        return functools.partial(specialised, tool_is_data=tool_is_data)
-    units: Known = "units of screws" if tool_is_data else "units"
+    return _specialised(function, "units")
+
+
+def specialised_for_any_tool(function: Callable[..., Result]) -> Callable[..., Result]:
+    """`specialised`, where arms that differ in their home poses alone share their programs."""
+    return _specialised(function, "units of screws")
+
+
+def _specialised(function: Callable[..., Result], units: Known) -> Callable[..., Result]:
     names = list(inspect.signature(function).parameters)[1:]
 
     def of_pattern(

@@ -68,10 +68,14 @@ def distance_between(first: Any, second: Any, xp: ModuleType = np) -> Any:
     return xp.where(parallel, aside, abs(between @ normal) / xp.where(parallel, 1.0, length))
 
 
+def sine_between(first: Any, second: Any, xp: ModuleType = np) -> Any:
+    """The sine of the angle between two directions (3,)."""
+    return xp.linalg.norm(xp.cross(first, second))
+
+
 def are_parallel(first: Any, second: Any, xp: ModuleType = np) -> Any:
     """Whether two rotation axes are parallel, or coincide."""
-    sine = xp.linalg.norm(xp.cross(first[:3], second[:3]))
-    return sine < AXES_PARALLEL.of(first.dtype)
+    return sine_between(first[:3], second[:3], xp) < AXES_PARALLEL.of(first.dtype)
 
 
 def do_meet(first: Any, second: Any, xp: ModuleType = np) -> Any:

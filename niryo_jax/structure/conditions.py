@@ -24,6 +24,7 @@ from niryo_jax.structure.axes import (
     lock,
     meeting_point,
     perpendicular_to,
+    sine_between,
 )
 from niryo_jax.structure.families import (
     ClosedFormPlan,
@@ -140,7 +141,7 @@ def _shoulder(shoulder: Shoulder, screws: Any, xp: ModuleType) -> Iterator[Holds
             normal = turn[:3]
             yield abs(normal @ slide[3:]) < small
         if kinds[0] == "revolute":
-            yield xp.linalg.norm(xp.cross(first[:3], normal)) > small
+            yield sine_between(first[:3], normal, xp) > small
         else:
             yield abs(first[3:] @ normal) > small
 
@@ -157,7 +158,7 @@ def _three_parallel(family: ThreeParallel, screws: Any, xp: ModuleType) -> Itera
     yield ~are_parallel(screws[3], screws[4], xp)
     normal, small = screws[1, :3], AXES_PARALLEL.of(screws.dtype)
     if family.kind == "revolute":
-        yield xp.linalg.norm(xp.cross(screws[0, :3], normal)) >= small
+        yield sine_between(screws[0, :3], normal, xp) >= small
     else:
         yield abs(screws[0, 3:] @ normal) >= small
 
@@ -173,7 +174,7 @@ def _schoenflies(family: Schoenflies, screws: Any, xp: ModuleType) -> Iterator[H
     axes = screws[np.array([i for i in range(4) if i != family.slide])]
     yield is_prismatic(slide, xp)
     yield from (is_revolute(screw, xp) for screw in axes)
-    across = xp.linalg.norm(xp.cross(slide[3:], axes[0, :3]))
+    across = sine_between(slide[3:], axes[0, :3], xp)
     yield across < AXES_PARALLEL.of(screws.dtype)
     yield from _turning_alike(axes, family.turns, xp)
 
@@ -186,7 +187,7 @@ def _two_turns_two_slides(
     yield from (is_prismatic(screws[i], xp) for i in (c, d))
     yield ~are_parallel(screws[a], screws[b], xp)
     if not any(c < turn < d for turn in (a, b)):
-        across = xp.linalg.norm(xp.cross(screws[c, 3:], screws[d, 3:]))
+        across = sine_between(screws[c, 3:], screws[d, 3:], xp)
         yield across >= AXES_PARALLEL.of(screws.dtype)
 
 

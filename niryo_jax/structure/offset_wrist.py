@@ -22,6 +22,7 @@ from niryo_jax.structure.axes import (
     joint_kinds,
     meeting_point,
     perpendicular_to,
+    sine_between,
 )
 from niryo_jax.structure.conditions import is_offset_wrist
 from niryo_jax.tolerances import ARM_NUMBER, AXES_MEET, AXES_NEARLY_MEET, AXES_NEARLY_PARALLEL
@@ -206,9 +207,12 @@ def nearly_offset_wrist_axes(screws: np.ndarray) -> tuple[np.ndarray, np.ndarray
     if screws.shape != (6, 6) or set(joint_kinds(screws)) != {"revolute"}:
         return None
     w1, w2, w3, w4, w5, w6 = axes = screws[:, :3]
-    if _sine(w2, w3) > AXES_NEARLY_PARALLEL:
+    if sine_between(w2, w3) > AXES_NEARLY_PARALLEL:
         return None
-    if min(_sine(w1, w2), _sine(w4, w5), _sine(w5, w6)) <= AXES_NEARLY_PARALLEL:
+    if (
+        min(sine_between(w1, w2), sine_between(w4, w5), sine_between(w5, w6))
+        <= AXES_NEARLY_PARALLEL
+    ):
         return None
     if max(distance_between(*screws[:2]), distance_between(*screws[3:5])) > AXES_NEARLY_MEET:
         return None
@@ -217,7 +221,3 @@ def nearly_offset_wrist_axes(screws: np.ndarray) -> tuple[np.ndarray, np.ndarray
     elbow = on_3 + ((wrist - on_3) @ w3) * w3
     turned = np.where(np.arange(6)[:, None] == 2, np.sign(w2 @ w3) * w2, axes)
     return turned, np.stack([shoulder, shoulder, elbow, wrist, wrist, axis_point(screws[5])])
-
-
-def _sine(first: np.ndarray, second: np.ndarray) -> float:
-    return float(np.linalg.norm(np.cross(first, second)))

@@ -26,7 +26,7 @@ from niryo_jax.ik.results.status import UnreachableReason
 from niryo_jax.ik.target import make_target
 from niryo_jax.lanes import Lanes
 from niryo_jax.lie import se3
-from niryo_jax.specialise import Geometry, specialised
+from niryo_jax.specialise import Geometry, specialised_for_any_tool
 from niryo_jax.structure.conditions import is_offset_wrist, plan_fits
 from niryo_jax.structure.families import ClosedFormPlan
 from niryo_jax.structure.offset_wrist import arm_numbers, numbers_are_as_known
@@ -38,7 +38,7 @@ _SHARE_OPEN = 8
 """The first pass leaves at most about one pose in so many to the second."""
 
 
-@specialised(tool_is_data=True)
+@specialised_for_any_tool
 def complete_solutions(
     geometry: Geometry,
     pose: jax.Array,

@@ -76,9 +76,8 @@ def _repeats(q: jax.Array, owner: jax.Array) -> jax.Array:
     """Whether a joint vector (r, n) of the same pose is equal to one of the three before it."""
     repeats = jnp.zeros(owner.shape, bool)
     for shift in (1, 2, 3):
-        turn = q[shift:] - q[:-shift]
-        turn = jnp.abs(turn - 2 * np.pi * jnp.round(turn / (2 * np.pi)))
-        same = jnp.all(turn < SAME_SOLUTION.of(q.dtype), axis=1)
+        turn = without_whole_turns(q[shift:] - q[:-shift], (True,) * q.shape[1])
+        same = jnp.all(jnp.abs(turn) < SAME_SOLUTION.of(q.dtype), axis=1)
         same = same & (owner[shift:] == owner[:-shift])
         repeats = repeats | jnp.pad(same, (shift, 0))
     return repeats
