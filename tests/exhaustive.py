@@ -184,12 +184,14 @@ def polish(arm, home, poses, owner, q, iterations: int = 24) -> np.ndarray:
 
 
 def spread(singular: np.ndarray) -> np.ndarray:
-    """How far rounding of the pose alone can move a solution, radians, at most 1e-3.
+    """How far rounding of the pose alone can move a solution, radians.
 
     A pose is known to a few units of rounding, and a joint vector to that over the least singular
-    value of the Jacobian.
+    value of the Jacobian: at most 1e-3, but where the rounding of the nine entries of a rotation
+    (1.5 units of their size in all) alone explains more.
     """
-    return np.minimum(200 * EPS / np.maximum(singular, 1e-300), 1e-3)
+    units = EPS / np.maximum(singular, 1e-300)
+    return np.maximum(np.minimum(200 * units, 1e-3), np.minimum(2 * units, 0.1))
 
 
 def distinct(arm, home, poses, owner, q) -> Solutions:
