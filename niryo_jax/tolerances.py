@@ -64,6 +64,10 @@ NEWTON_ROTATION = ByDtype(1e-11, 5e-6)
 DEPENDENT_ROW = ByDtype(1e-14, 1e-6)
 """A Jacobian row that is independent of the others by less than this share is rounding."""
 
+SELF_MOTION = ByDtype(1e-3, 1e-2)
+"""On a self-motion a Jacobian row that is independent of the others by less than this share is what
+the distance from it makes."""
+
 SAME_SOLUTION = ByDtype(1e-6, 1e-3)
 """Two joint vectors closer than this in every joint (radians) are one solution."""
 

@@ -25,25 +25,33 @@ from niryo_jax.ik.results.solutions import IKSolutions
 from niryo_jax.ik.target import make_target
 from niryo_jax.robot import Robot
 
-Solver = Callable[[Robot, jax.Array, jax.Array | None], IKSolutions]
-"""Solutions of poses (..., 4, 4), given values (...,) of what is held, or None."""
+Solver = Callable[[Robot, jax.Array, jax.Array | None, jax.Array | None], IKSolutions]
+"""Solutions of poses (..., 4, 4), given values (...,) of what is held, or None, and reference joint
+vectors (..., n), or None."""
 
 
 def solve_differentiably(
-    solver: Solver, held: Held, robot: Robot, pose: jax.Array, values: jax.Array | None
+    solver: Solver,
+    held: Held,
+    robot: Robot,
+    pose: jax.Array,
+    values: jax.Array | None,
+    reference: jax.Array | None,
 ) -> IKSolutions:
-    """`solver(robot, pose, values)` for a solver that is hashable: it stands for its program.
+    """`solver(robot, pose, values, reference)` for a solver that is hashable: it stands for its
+    program.
 
     Args:
         solver: a method.
         held: what `values` are values of.
-        robot, pose, values: its arguments, which may be traced.
+        robot, pose, values, reference: its arguments, which may be traced. The reference has no
+            derivative: which solutions are chosen is held fixed.
     """
-    if is_concrete(*jax.tree.leaves((robot, pose, values))):
+    if is_concrete(*jax.tree.leaves((robot, pose, values, reference))):
         # Outside of whatever transformation is under way, so that it finds the program compiled.
         with untraced():
-            return solver(robot, pose, values)
-    return _differentiable(solver, held, robot, pose, values)
+            return solver(robot, pose, values, reference)
+    return _differentiable(solver, held, robot, pose, values, reference)
 
 
 def _batch(
@@ -68,19 +76,24 @@ _opaque_call = opaque("inverse_kinematics", _batch)
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0, 1))
 def _differentiable(
-    solver: Solver, held: Held, robot: Robot, pose: jax.Array, values: jax.Array | None
+    solver: Solver,
+    held: Held,
+    robot: Robot,
+    pose: jax.Array,
+    values: jax.Array | None,
+    reference: jax.Array | None,
 ) -> IKSolutions:
     del held
-    return _opaque_call(solver, (robot, pose, values))
+    return _opaque_call(solver, (robot, pose, values, reference))
 
 
 def _rule(
     solver: Solver, held: Held, primals: tuple[Any, ...], tangents: tuple[Any, ...]
 ) -> tuple[IKSolutions, IKSolutions]:
-    robot, pose, _ = primals
+    robot, pose, *_ = primals
     answer = solve_differentiably(solver, held, *primals)
     zero = zero_tangent(answer)
-    of_robot, of_pose, of_values = (_known(*pair) for pair in zip(primals, tangents))
+    of_robot, of_pose, of_values, _ = (_known(*pair) for pair in zip(primals, tangents))
     q = zero.q
     if of_pose is not None or of_values is not None:
         arguments = robot, pose, answer.q, answer.found

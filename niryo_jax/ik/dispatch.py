@@ -25,6 +25,7 @@ def inverse_kinematics(
     *,
     locked: Locked | None = None,
     arm_angle: ArrayLike | None = None,
+    q_ref: ArrayLike | None = None,
 ) -> IKSolutions:
     """All joint vectors that bring the tool to a pose, for a batch of poses.
 
@@ -53,6 +54,10 @@ def inverse_kinematics(
         arm_angle: the same with the arm angle (...,) in place of a joint (`niryo_jax.arm_angle`),
             for seven joints of which axes 1, 2, 3 meet, and 5, 6, 7: what the arm can reach, it
             reaches with any.
+        q_ref: (..., n) joint vectors, radians, for the complete method. Where the arm can move
+            while the tool rests, the one of its infinitely many solutions that is nearest to q_ref
+            stands for them (q_ref itself where it reaches the pose), whole turns considered. Where
+            not given it is one within the joint limits, if there is one.
 
     Returns:
         `IKSolutions` with a slot for each solution that there can be: 16 of an arm with a wrist
@@ -75,7 +80,11 @@ def inverse_kinematics(
     if chosen:
         if method != "complete":
             raise ValueError(f"locked, arm_angle: are for method 'complete', got {method!r}")
-        return solve_complete(robot, pose, locked, arm_angle)
+        return solve_complete(robot, pose, locked, arm_angle, q_ref)
+    if method == "complete":
+        return solve_complete(robot, pose, q_ref=q_ref)
+    if q_ref is not None:
+        raise ValueError(f"q_ref: is for method 'complete', got {method!r}")
     return _SOLVERS[method](robot, pose)
 
 

@@ -20,6 +20,7 @@ from niryo_jax.ik.complete.algorithms import Structure
 from niryo_jax.ik.complete.driver import complete_solutions
 from niryo_jax.ik.differentiable import solve_differentiably
 from niryo_jax.ik.newton.implicit import Held
+from niryo_jax.ik.representative import near_reference, within_limits
 from niryo_jax.ik.results.solutions import IKSolutions, map_solutions
 from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.robot import Robot
@@ -51,8 +52,15 @@ class CompleteSolver:
         joint, others = plan.locked, plan.periodic
         return others if joint is None else (*others[:joint], plan.locked_turns, *others[joint:])
 
-    def __call__(self, robot: Robot, pose: jax.Array, values: jax.Array | None) -> IKSolutions:
-        """The solutions of poses (..., 4, 4), given values (...,) of what is held."""
+    def __call__(
+        self,
+        robot: Robot,
+        pose: jax.Array,
+        values: jax.Array | None,
+        reference: jax.Array | None,
+    ) -> IKSolutions:
+        """The solutions of poses (..., 4, 4), given values (...,) of what is held, and joint
+        vectors (..., n) to which self-motions come as near as they can."""
         dtype, batch = pose.dtype, pose.shape[:-2]
         held: Any = np.zeros((*batch, 0), dtype) if values is None else values[..., None]
         sharding = batch_sharding(pose, len(batch))
@@ -75,7 +83,12 @@ class CompleteSolver:
             )
             return answer if whole else _cut(answer, batch)
 
-        return on_all_cores(solve, [pose, held], batch, program_size, map_solutions)
+        answer = on_all_cores(solve, [pose, held], batch, program_size, map_solutions)
+        if self.held == "arm angle":
+            return answer
+        if reference is not None:
+            return near_reference(robot, pose, answer, reference, self.held)
+        return within_limits(robot, pose, answer, self.held)
 
     def _numbers(self, robot: Robot) -> Any:
         """The numbers of an offset-wrist arm that are not known while tracing."""
@@ -94,6 +107,7 @@ def solve_complete(
     pose: ArrayLike,
     locked: Locked | None = None,
     arm_angle: ArrayLike | None = None,
+    q_ref: ArrayLike | None = None,
 ) -> IKSolutions:
     """`inverse_kinematics` by the complete method."""
     solver = CompleteSolver(_structure(robot, locked, arm_angle is not None))
@@ -110,7 +124,20 @@ def solve_complete(
         batch = jnp.broadcast_shapes(pose.shape[:-2], values.shape)
         pose = jnp.broadcast_to(pose, (*batch, 4, 4))
         values = jnp.broadcast_to(values, batch).astype(pose.dtype)
-    return solve_differentiably(solver, solver.held, robot, pose, values)
+    reference = None
+    if q_ref is not None:
+        reference = as_floating("q_ref", q_ref)
+        check_shape("q_ref", reference, (robot.joints,))
+        batch = pose.shape[:-2]
+        if jnp.broadcast_shapes(batch, reference.shape[:-1]) != batch:
+            raise ValueError(
+                f"q_ref: expected the batch of the poses, {batch}, got {reference.shape[:-1]}"
+            )
+        reference = jnp.broadcast_to(reference, (*batch, robot.joints)).astype(pose.dtype)
+    answer = solve_differentiably(solver, solver.held, robot, pose, values, reference)
+    if solver.held != "arm angle":
+        answer.remember(functools.partial(near_reference, robot, pose, held=solver.held))
+    return answer
 
 
 def _structure(robot: Robot, locked: Locked | None, by_arm_angle: bool) -> Structure:

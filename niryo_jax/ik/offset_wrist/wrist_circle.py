@@ -77,7 +77,9 @@ def wrist_circle(arm: OffsetWristParameters, target: Lanes) -> WristCircle:
     )
     a, b, r, d = arm.upper_arm, arm.forearm, arm.radius, arm.sideways
     along = lanes.materialise(centre @ axis)
-    level = centre - along * axis
+    level = lanes.materialised(centre - along * axis)
+    # Next to axis 6 little is left but rounding, along the axis too, which this takes away.
+    level = level - (level @ axis) * axis
     height = lanes.materialise(lanes.norm(level))
     aside = height > _TINY
     side = lanes.choose(aside, level / lanes.select(aside, height, 1.0), spoke)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import operator
 from typing import NamedTuple
 
 import jax
@@ -15,8 +16,9 @@ from jax.typing import ArrayLike
 from niryo_jax._jax import is_concrete
 from niryo_jax.execution.padding import program_size
 from niryo_jax.ik.methods.complete import solve_complete
+from niryo_jax.ik.representative import is_endless, near_reference
 from niryo_jax.ik.results.limits import limit_margin, without_whole_turns
-from niryo_jax.ik.results.solutions import IKSolutions
+from niryo_jax.ik.results.solutions import IKSolutions, map_solutions
 from niryo_jax.ik.results.status import Singularity
 from niryo_jax.lanes.batching import as_floating
 from niryo_jax.robot import Robot
@@ -58,8 +60,9 @@ def follow(
     that has nowhere else to go, since its own has then vanished.
 
     A path that leads through a singularity is followed to the other side if its steps are small
-    beside the distance of other solutions; right at it two branches cannot be told apart, and at
-    a sample where infinitely many solutions exist (`Singularity`) the one reported may be far.
+    beside the distance of other solutions; right at it two branches cannot be told apart. At a
+    sample where infinitely many solutions exist (`Singularity`) it is the one nearest to where the
+    last step leads.
 
     Args:
         robot: an arm that the complete method of `inverse_kinematics` fits.
@@ -92,8 +95,7 @@ def follow(
         raise ValueError(f"q_start: expected finite numbers, got {start}")
 
     count = len(path)
-    solutions = solve_complete(robot, _padded(path))
-    walk = _walk(solutions, start, np.zeros_like(start), largest_step)
+    solutions, walk = _continued(robot, path, start, largest_step)
     followed = int(np.sum(walk.ok))
     if followed >= count:
         message = f"The whole path was followed, all {count} samples."
@@ -102,6 +104,28 @@ def follow(
         message = f"The branch ends at sample {followed} of 0 to {count - 1}: "
         message += _reason(branch, followed)
     return JointPath(walk.q[:count], walk.ok[:count], walk.label[:count], message)
+
+
+def _continued(
+    robot: Robot, path: np.ndarray, start: np.ndarray, largest_step: float
+) -> tuple[IKSolutions, _Walk]:
+    """All solutions of a path, of self-motions those by which the branch goes on; and the walk."""
+    solutions = solve_complete(robot, _padded(path))
+    walk = _walk(solutions, start, np.zeros_like(start), largest_step)
+    for sample in np.nonzero(np.asarray(is_endless(solutions)).any(axis=-1))[0].tolist():
+        if int(np.sum(walk.ok)) < sample:
+            break
+        before = np.concatenate([[start, start], walk.q[max(0, sample - 2) : sample]])[-2:]
+        expected = jnp.asarray(2 * before[1] - before[0])
+        one = map_solutions(operator.itemgetter(sample), solutions)
+        one = near_reference(robot, jnp.asarray(path[sample]), one, expected)
+        solutions = map_solutions(functools.partial(_with, sample), solutions, one)
+        walk = _walk(solutions, start, np.zeros_like(start), largest_step)
+    return solutions, walk
+
+
+def _with(index: int, rows: jax.Array, row: jax.Array) -> jax.Array:
+    return rows.at[index].set(row)
 
 
 def _padded(path: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from niryo_jax._jax import is_concrete
 from niryo_jax.ik.results.limits import nearest_turn
 from niryo_jax.ik.results.status import IKStatus, Singularity, UnreachableReason
 from niryo_jax.jacobian import manipulability
@@ -109,6 +110,11 @@ class IKSolutions:
     def nearest(self, q_ref: ArrayLike) -> tuple[jax.Array, jax.Array]:
         """The solution within the limits that is nearest to a joint vector, 2 pi turns considered.
 
+        Where the arm can move while the tool rests, infinitely many solutions are considered, and
+        q_ref itself is the nearest where it reaches the pose. An answer knows of these as
+        `inverse_kinematics` returned it; one that went through a transformation of JAX has no more
+        than its slots, and there `inverse_kinematics(..., q_ref=...)` looks at all of them.
+
         Args:
             q_ref: (..., n) reference joint vectors, radians.
 
@@ -118,7 +124,18 @@ class IKSolutions:
         """
         reference = as_floating("q_ref", q_ref).astype(self.q.dtype)
         check_shape("q_ref", reference, (self.q.shape[-1],))
-        return _nearest(self, reference)
+        along = self.__dict__.get("_along")
+        solutions = self
+        if along is not None and is_concrete(self.q, reference):
+            solutions = along(self, reference)
+        return _nearest(solutions, reference)
+
+    def remember(self, along: Callable[[IKSolutions, jax.Array], IKSolutions]) -> None:
+        """Remember how to come near to reference joint vectors along self-motions.
+
+        It is no part of the tree: what JAX makes of an answer does not know.
+        """
+        object.__setattr__(self, "_along", along)
 
 
 jax.export.register_pytree_node_serialization(
