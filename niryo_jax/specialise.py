@@ -118,7 +118,7 @@ def _pattern_of(robot: Robot, which: Known) -> tuple[Pattern, jax.Array]:
         rest = np.array([x for x, number in zip(numbers, known) if number is None])
         # On the device once for all calls; also where the first one comes from a traced function.
         with jax.ensure_compile_time_eval():
-            cache[key] = Pattern(tuple(known), joint_kinds(screws)), jnp.asarray(rest)
+            cache[key] = Pattern(tuple(known), joint_kinds(screws)), jax.device_put(rest)
     return cache[key]
 
 
@@ -145,8 +145,9 @@ def _specialised(function: Callable[..., Result], units: Known) -> Callable[...,
         rest = rest.astype(_dtype_of(arrays))
         return function(pattern.geometry(list(rest)), *arrays, **dict(options))
 
+    name = f"{function.__module__}.{function.__qualname__}"
     compiled = {
-        quick: Compiled(of_pattern, options, static_argnums=(0, 1))
+        quick: Compiled(of_pattern, options, name, static=2)
         for quick, options in ((False, RUN_FAST), (True, COMPILE_FAST))
     }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 
@@ -13,6 +14,8 @@ from niryo_jax.cli.outcome import ExitCode, Failure
 
 def main() -> None:
     """Run the command with the arguments of this process, and exit with an `ExitCode`."""
+    # What is imported stays: looking through it for garbage takes a tenth of a short command.
+    gc.freeze()
     try:
         from niryo_jax.cli.app import run
         from niryo_jax.cli.cache import keep_programs

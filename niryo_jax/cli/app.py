@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import sys
 import traceback
@@ -12,30 +13,44 @@ from typing import Annotated
 
 import typer
 
-from niryo_jax.cli.arms import describe, robots
-from niryo_jax.cli.kinematics import fk, ik
 from niryo_jax.cli.outcome import ExitCode, Failure, as_failure
-from niryo_jax.cli.pick_and_place import pick_and_place
-from niryo_jax.cli.simulate import simulate
-from niryo_jax.cli.workspace import workspace
 
 _EXIT_CODES = "\n\n".join(["Exit codes:", *(f"{code:3d}  {code.message}" for code in ExitCode)])
 
-app = typer.Typer(
-    name="niryo-jax",
-    help="Kinematics of the Niryo arms, and the arms themselves.",
-    epilog=f"{_EXIT_CODES}\n\nNIRYO_JAX_DEBUG=1 in the environment shows tracebacks.",
-    add_completion=False,
-)
+# The module of each command. One command is all that a process needs, so it imports no other.
+_MODULES = {
+    "fk": "kinematics",
+    "ik": "kinematics",
+    "pick-and-place": "pick_and_place",
+    "simulate": "simulate",
+    "describe": "arms",
+    "robots": "arms",
+    "workspace": "workspace",
+}
+
 # Negative numbers look like options to the parser; whatever is no option is left to the arguments.
 _NUMBERS = {"ignore_unknown_options": True}
-app.command("fk", context_settings=_NUMBERS)(fk)
-app.command("ik", context_settings=_NUMBERS)(ik)
-app.command("pick-and-place")(pick_and_place)
-app.command("simulate")(simulate)
-app.command("describe")(describe)
-app.command("robots")(robots)
-app.add_typer(workspace, name="workspace")
+
+
+def application(arguments: Sequence[str] = ()) -> typer.Typer:
+    """The command with the subcommand that the arguments begin with; else with all."""
+    app = typer.Typer(
+        name="niryo-jax",
+        help="Kinematics of the Niryo arms, and the arms themselves.",
+        epilog=f"{_EXIT_CODES}\n\nNIRYO_JAX_DEBUG=1 in the environment shows tracebacks.",
+        add_completion=False,
+    )
+    app.callback()(_root)
+    chosen = [name for name in _MODULES if name in arguments[:1]]
+    for name in chosen or _MODULES:
+        module = importlib.import_module(f"niryo_jax.cli.{_MODULES[name]}")
+        command = getattr(module, name.replace("-", "_"))
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=name)
+        else:
+            settings = _NUMBERS if name in ("fk", "ik") else None
+            app.command(name, context_settings=settings)(command)
+    return app
 
 
 def _show_version(wanted: bool) -> None:
@@ -44,8 +59,7 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
-def root(
+def _root(
     _version: Annotated[
         bool,
         typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
@@ -59,6 +73,7 @@ def run(arguments: Sequence[str]) -> int:
     with warnings.catch_warnings():
         warnings.showwarning = _show_warning
         try:
+            app = application(arguments)
             outcome = app(list(arguments), prog_name="niryo-jax", standalone_mode=False)
             return outcome if isinstance(outcome, int) else int(ExitCode.DONE)
         except KeyboardInterrupt:

@@ -103,7 +103,8 @@ def ik(
     arm = robot.model.robot()
     pose = read_pose(position, rpy, matrix, pose_file, degrees=degrees, millimetres=in_millimetres)
     with busy("Solving"):
-        solutions = jax.block_until_ready(inverse_kinematics(arm, pose))
+        # As numpy, of which single numbers are taken without a program for each.
+        solutions = jax.device_get(inverse_kinematics(arm, jax.device_put(pose)))
         branches = explain_branches(seeded_branches(arm, pose), solutions) if explain else []
     status = IKStatus(int(solutions.status))
     distance = float(solutions.pose_distance)

@@ -7,9 +7,6 @@ import sys
 from collections.abc import Mapping
 
 from niryo_jax.codes import Code
-from niryo_jax.hardware import ArgumentRejected, NiryoError, PyniryoMissing
-from niryo_jax.hardware.pick_and_place import StepUnsolvable
-from niryo_jax.workspace import StoreError
 
 
 class ExitCode(Code):
@@ -52,6 +49,11 @@ class Failure(Exception):
 
 def as_failure(error: Exception) -> Failure:
     """Any error, as a sentence and an exit code."""
+    # Not above: most commands need neither a robot nor a map, and importing them takes its time.
+    from niryo_jax.hardware import ArgumentRejected, NiryoError, PyniryoMissing
+    from niryo_jax.hardware.pick_and_place import StepUnsolvable
+    from niryo_jax.workspace import StoreError
+
     match error:
         case Failure():
             return error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,9 +11,11 @@ from rich import box
 from rich.table import Table
 
 from niryo_jax.cli.options import in_unit
-from niryo_jax.hardware.pick_and_place import Plan, PlannedStep, StepRecord
 from niryo_jax.ik import IKSolutions
 from niryo_jax.robot import Robot
+
+if TYPE_CHECKING:
+    from niryo_jax.hardware.pick_and_place import Plan, PlannedStep, StepRecord
 
 
 def angles(q: ArrayLike, degrees: bool, width: int = 0) -> str:
