@@ -242,7 +242,9 @@ def test_a_program_that_cannot_be_used_is_compiled_again(store, damage):
     whole = store[key]
     fresh()(True, (0.1,), np.arange(5.0), y)
     other = store[store.saved[-1]]
-    store[key] = {"nothing": b"", "rubbish": b"x" * 99, "cut": whole[:-99], "another": other}[damage]
+    store[key] = {"nothing": b"", "rubbish": b"x" * 99, "cut": whole[:-99], "another": other}[
+        damage
+    ]
     answer = fresh()(True, (0.1,), x, y)
     jax.tree.map(np.testing.assert_array_equal, answer, expected)
     assert store.saved[-1] == key

@@ -75,6 +75,7 @@ def run(arguments: Sequence[str]) -> int:
         try:
             app = application(arguments)
             outcome = app(list(arguments), prog_name="niryo-jax", standalone_mode=False)
+            sys.stdout.flush()
             return outcome if isinstance(outcome, int) else int(ExitCode.DONE)
         except KeyboardInterrupt:
             failure = Failure("interrupted", ExitCode.INTERRUPTED)

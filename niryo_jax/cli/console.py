@@ -8,6 +8,8 @@ from collections.abc import Generator
 from contextlib import contextmanager
 
 from rich.console import Console
+from rich.measure import Measurement
+from rich.table import Table
 
 # Width of tables that go to a file or to another program.
 _WIDTH = 110
@@ -22,6 +24,20 @@ _PATIENCE = 1.0
 def stdout() -> Console:
     """The console of results."""
     return Console(width=None if sys.stdout.isatty() else _WIDTH, highlight=False)
+
+
+def show_table(table: Table) -> None:
+    """Print a table to stdout, no narrower than its longest words: half a number is none."""
+    console = stdout()
+    wide = console.options.update(max_width=10_000)
+    console.width = max(console.width, Measurement.get(console, wide, table).minimum)
+    console.print(table)
+
+
+def show_lines(*lines: str) -> None:
+    """Print text to stdout as it is, for it may be copied, or look like markup."""
+    for line in lines:
+        stdout().print(line, markup=False, emoji=False, soft_wrap=True)
 
 
 def stderr() -> Console:

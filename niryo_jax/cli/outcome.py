@@ -19,7 +19,9 @@ class ExitCode(Code):
     ROBOT = 4, "the robot cannot be reached, refused, or did not get there"
     MISSING_EXTRA = 5, "an optional package is not installed"
     STORE = 6, "a map's store cannot be used or written"
+    OUTPUT = 7, "standard output is closed or full"
     INTERRUPTED = 130, "interrupted with Ctrl-C"
+    PIPE = 141, "the program that read the output ended before its end"
 
 
 class Failure(Exception):
