@@ -116,10 +116,16 @@ def test_a_urdf_file_that_does_not_do_ends_with_2(cli, as_json, urdf, options, s
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["absent.urdf"], "'absent.urdf' is neither a URDF file nor one of the robots niryo_one"),
+        (
+            ["absent.urdf"],
+            "'absent.urdf' is neither a URDF or MJCF file nor one of the robots",
+        ),
         (["--robot", "absent"], "'absent' is neither"),
         (["niryo_one", "--robot", "niryo_ned"], "name the robot once"),
-        (["niryo_one", "--tip", "hand"], "--base and --tip choose the chain of a URDF file"),
+        (
+            ["niryo_one", "--tip", "hand"],
+            "--base and --tip choose the chain of a URDF or MJCF",
+        ),
         (["niryo_one", "niryo_ned"], "niryo_ned"),
     ],
 )

@@ -38,7 +38,6 @@ def application(arguments: Sequence[str] = ()) -> typer.Typer:
         name="niryo-jax",
         help="Kinematics of the Niryo arms, and the arms themselves.",
         epilog=f"{_EXIT_CODES}\n\nNIRYO_JAX_DEBUG=1 in the environment shows tracebacks.",
-        add_completion=False,
     )
     app.callback()(_root)
     chosen = [name for name in _MODULES if name in arguments[:1]]
@@ -76,13 +75,15 @@ def run(arguments: Sequence[str]) -> int:
             app = application(arguments)
             outcome = app(list(arguments), prog_name="niryo-jax", standalone_mode=False)
             sys.stdout.flush()
+            if outcome == ExitCode.INTERRUPTED:  # What typer makes of Ctrl-C.
+                raise KeyboardInterrupt
             return outcome if isinstance(outcome, int) else int(ExitCode.DONE)
         except KeyboardInterrupt:
             failure = Failure("interrupted", ExitCode.INTERRUPTED)
         except Exception as error:
             if os.environ.get("NIRYO_JAX_DEBUG"):
                 traceback.print_exc()
-            failure = _usage_failure(error) or as_failure(error)
+            failure = _usage_failure(error, arguments) or as_failure(error)
     return failure.report(as_json="--json" in arguments)
 
 
@@ -90,7 +91,7 @@ def _show_warning(message: Warning | str, *_: object) -> None:
     print(f"warning: {message}", file=sys.stderr)
 
 
-def _usage_failure(error: Exception) -> Failure | None:
+def _usage_failure(error: Exception, arguments: Sequence[str]) -> Failure | None:
     """Wrong arguments, and Ctrl-C where typer caught it first."""
     if isinstance(error, typer.Abort):
         return Failure("interrupted", ExitCode.INTERRUPTED)
@@ -99,4 +100,18 @@ def _usage_failure(error: Exception) -> Failure | None:
     if describe is None:
         return None
     command = getattr(getattr(error, "ctx", None), "command_path", "niryo-jax")
-    return Failure(f"{describe()} (see {command} --help)", ExitCode.USAGE)
+    said = describe() + _given(error, arguments)
+    return Failure(f"{said} (see {command} --help)", ExitCode.USAGE)
+
+
+def _given(error: Exception, arguments: Sequence[str]) -> str:
+    """What was given of an option whose value typer refuses, for it says only what it expected."""
+    names = getattr(getattr(error, "param", None), "opts", [])
+    if "Input should" not in str(error):
+        return ""
+    for index, word in enumerate(arguments):
+        option, equals, value = word.partition("=")
+        if option in names:
+            following = arguments[index + 1 : index + 2]
+            return f", got {value!r}" if equals else "".join(f", got {x!r}" for x in following)
+    return ""

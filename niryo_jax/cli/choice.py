@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
@@ -65,9 +66,9 @@ def load_arm(name: str, base: str | None = None, tip: str | None = None) -> Robo
                 f"{name} is a robot of the catalogue"
             )
         return catalogue.load(name)
-    if name != "-" and not Path(name).is_file():
+    if name != "-" and not os.path.isfile(name):
         known = ", ".join(catalogue.names())
-        kind = "is a directory, and " if name and Path(name).is_dir() else ""
+        kind = "is a directory, and " if os.path.isdir(name) else ""
         raise typer.BadParameter(
             f"ROBOT: {name!r} {kind}is neither a URDF or MJCF file nor one of the robots {known}"
         )
@@ -80,7 +81,7 @@ def load_arm(name: str, base: str | None = None, tip: str | None = None) -> Robo
         raise Failure(str(error), ExitCode.MISSING_EXTRA) from error
     except (ValueError, OSError) as error:
         where = "standard input" if name == "-" else name
-        said = str(error).removeprefix("path: ")
+        said = " ".join(str(error).removeprefix("path: ").split())
         raise Failure(f"ROBOT: {where}: {said}", ExitCode.USAGE) from error
 
 

@@ -21,6 +21,7 @@ from niryo_jax.cli.options import (
     in_unit,
     joint_unit_name,
     joint_units,
+    number_words,
     numbers,
     unit_name,
 )
@@ -42,6 +43,7 @@ def fk(
     q: Annotated[
         list[str],
         typer.Argument(
+            parser=number_words,
             metavar="Q",
             help="The joint angles, joint 1 first; metres for joints that slide. "
             "Between spaces or commas.",
@@ -56,8 +58,10 @@ def fk(
     """Forward kinematics: the pose of the tool frame at joint angles Q."""
     values = numbers(" ".join(q))
     arm = load_arm(robot, base, tip)
-    joints = finite("Q", values, arm.joints, "angles") / joint_units(arm, degrees)
+    joints = finite("Q", values, arm.joints, "angles") * joint_units(arm, degrees)
     pose = np.asarray(forward_kinematics(arm, joints))
+    if not np.all(np.isfinite(pose)):
+        raise typer.BadParameter(f"Q: expected angles that have a sine, got {values}")
     within = bool(np.all((arm.lower <= joints) & (joints <= arm.upper)))
     x, y, z, *rpy = rpy_from_pose(pose)
     if as_json:
@@ -86,7 +90,9 @@ def ik(
     degrees: DegreesOption,
     position: Annotated[
         list[str] | None,
-        typer.Argument(metavar="X Y Z", help="Position of the tool frame, metres."),
+        typer.Argument(
+            parser=number_words, metavar="X Y Z", help="Position of the tool frame, metres."
+        ),
     ] = None,
     rpy: Annotated[
         tuple[str, str, str] | None,
@@ -160,7 +166,7 @@ def _show(arm: Robot, solutions: IKSolutions, degrees: bool) -> None:
         f"{'--degrees' if degrees else '--radians'}` and `arm.move_joints({vector})`:"
     )
     for slot in np.flatnonzero(solutions.found):
-        joints = digits(solutions.q[slot] * joint_units(arm, degrees))
+        joints = digits(solutions.q[slot] / joint_units(arm, degrees))
         show_lines(f"{slot + 1:3d}  {joints}")
 
 

@@ -46,10 +46,17 @@ def numbers(text: str) -> list[float]:
     found = list[float]()
     for word in filter(None, words):
         try:
-            found.append(float(word))
+            # Which Python would read over.
+            found.append(float(word.replace("_", "no number")))
         except ValueError:
             raise typer.BadParameter(f"expected a number, got {word!r}") from None
     return found
+
+
+def number_words(text: str) -> str:
+    """A text as it is, once it is seen that there is nothing but numbers in it."""
+    numbers(text)
+    return text
 
 
 def finite(name: str, values: list[float], count: int, what: str) -> Vector:
@@ -84,9 +91,9 @@ JsonOption = Annotated[
 
 
 def joint_units(robot: Robot, degrees: bool) -> Vector:
-    """(n,) how much of the unit that is shown is one radian, or one metre of a prismatic joint."""
+    """(n,) the unit of each joint as it is given and shown: radians, or metres of a slide."""
     slides = np.array([kind == "prismatic" for kind in joint_kinds(robot.known_screws())])
-    return np.where(slides, 1.0, np.rad2deg(1.0) if degrees else 1.0)
+    return np.where(slides, 1.0, np.deg2rad(1.0) if degrees else 1.0)
 
 
 def joint_unit_name(robot: Robot, degrees: bool) -> str:

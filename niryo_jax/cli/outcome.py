@@ -69,6 +69,8 @@ def as_failure(error: Exception) -> Failure:
             code = ExitCode.STORE
         case NiryoError():
             code = ExitCode.ROBOT
+        case OSError() if error.filename:
+            code = ExitCode.USAGE
         case _:
             return Failure(
                 f"unexpected {type(error).__name__}: {error} (NIRYO_JAX_DEBUG=1 shows where)",

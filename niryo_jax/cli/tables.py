@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 from rich import box
-from rich.markup import escape
 from rich.table import Table
 
 from niryo_jax.cli.options import in_unit, joint_unit_name, joint_units
@@ -38,8 +37,8 @@ def digits(values: ArrayLike) -> str:
 
     A picometre, or a millionth of a microradian, is below what any answer is accurate to.
     """
-    rounded = np.round(np.asarray(values, dtype=np.float64), 12) + 0.0
-    return ", ".join(np.format_float_positional(x, trim="0") for x in rounded)
+    shown = [0.0 if abs(x) < 5e-13 else x for x in np.asarray(values, dtype=np.float64)]
+    return ", ".join(np.format_float_positional(x, precision=12, trim="0") for x in shown)
 
 
 def solutions_table(robot: Robot, solutions: IKSolutions, degrees: bool) -> Table:
@@ -47,13 +46,13 @@ def solutions_table(robot: Robot, solutions: IKSolutions, degrees: bool) -> Tabl
     table = new_table(f"Solutions, joints in {joint_unit_name(robot, degrees)}")
     table.add_column("", justify="right")
     for name in robot.joint_names:
-        table.add_column(escape(name), justify="right")
+        table.add_column(name, justify="right")
     table.add_column("within limits")
     table.add_column("error (m)", justify="right")
     units = joint_units(robot, degrees)
     decimals = np.where(units == 1.0, 4, 2)
     for slot in np.flatnonzero(np.asarray(solutions.found)):
-        shown = zip(np.asarray(solutions.q[slot]) * units, decimals)
+        shown = zip(np.asarray(solutions.q[slot]) / units, decimals)
         row = [f"{round(float(value), count) + 0.0:.{count}f}" for value, count in shown]
         within = "yes" if solutions.within_limits[slot] else "no"
         error = f"{float(solutions.position_error[slot]):.0e}"
