@@ -66,17 +66,19 @@ def load_arm(name: str, base: str | None = None, tip: str | None = None) -> Robo
                 f"{name} is a robot of the catalogue"
             )
         return catalogue.load(name)
-    if name != "-" and not os.path.isfile(name):
+    pipe = name == "-" or (os.path.exists(name) and Path(name).is_fifo())
+    if not pipe and not os.path.isfile(name):
         known = ", ".join(catalogue.names())
         kind = "is a directory, and " if os.path.isdir(name) else ""
         raise typer.BadParameter(
             f"ROBOT: {name!r} {kind}is neither a URDF or MJCF file nor one of the robots {known}"
         )
     try:
-        # MuJoCo wants the path: a model may include other files.
-        given = read_stdin() if name == "-" else Path(name)
-        read = _READERS[_root_element(given)]
-        return read(given, base, tip)
+        content = read_stdin().encode() if name == "-" else Path(name).read_bytes()
+        kind = _root_element(content)
+        # A model may include files that lie beside it; MuJoCo knows one by how its name ends.
+        as_file = not pipe and (kind == "robot" or name.endswith(".xml"))
+        return _READERS[kind](Path(name) if as_file else content.decode(), base, tip)
     except ImportError as error:
         raise Failure(str(error), ExitCode.MISSING_EXTRA) from error
     except (ValueError, OSError) as error:
@@ -85,11 +87,10 @@ def load_arm(name: str, base: str | None = None, tip: str | None = None) -> Robo
         raise Failure(f"ROBOT: {where}: {said}", ExitCode.USAGE) from error
 
 
-def _root_element(document: str | Path) -> str:
+def _root_element(content: bytes) -> str:
     """The name of a document's outermost element: "robot" of a URDF, "mujoco" of an MJCF model."""
-    text = document.encode() if isinstance(document, str) else document.read_bytes()
     try:
-        _, root = next(iter(ElementTree.iterparse(io.BytesIO(text), ["start"])))
+        _, root = next(iter(ElementTree.iterparse(io.BytesIO(content), ["start"])))
     except ElementTree.ParseError as error:
         raise ValueError(f"expected a URDF or MJCF document; this is no XML: {error}") from error
     if root.tag not in _READERS:
