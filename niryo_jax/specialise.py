@@ -104,9 +104,10 @@ Known = Literal["all", "units", "units of screws"]
 
 def _pattern_of(robot: Robot, which: Known) -> tuple[Pattern, jax.Array]:
     """The pattern and the arguments of a concrete robot."""
-    cache: dict[tuple[Known, np.dtype], tuple[Pattern, jax.Array]]
+    cache: dict[tuple[Known, bool], tuple[Pattern, jax.Array]]
     cache = robot.__dict__.setdefault("_patterns", {})
-    key = which, jnp.result_type(float)
+    # Not `jnp.result_type(float)`, which is slow.
+    key = which, bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
     if key not in cache:
         screws, home = np.asarray(robot.screws), np.asarray(robot.home)
         numbers = np.concatenate([screws.ravel(), home.ravel()])
