@@ -1,6 +1,9 @@
 """Batched, differentiable kinematics in JAX for the Niryo One and for open chains in general."""
 
-from niryo_jax import motion, robots, subproblems, workspace
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from niryo_jax import motion, robots, subproblems
 from niryo_jax.chain import forward_kinematics, link_poses
 from niryo_jax.differential import joint_rates, tool_velocity
 from niryo_jax.ik import (
@@ -26,6 +29,9 @@ from niryo_jax.jacobian import (
 )
 from niryo_jax.lie import se3, so3
 from niryo_jax.robot import Robot
+
+if TYPE_CHECKING:
+    from niryo_jax import workspace
 
 __all__ = [
     "IKSolutions",
@@ -57,3 +63,10 @@ __all__ = [
     "tool_velocity",
     "workspace",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """`workspace`, imported where it is first used: a third of all the modules that there are."""
+    if name == "workspace":
+        return importlib.import_module("niryo_jax.workspace")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

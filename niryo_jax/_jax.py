@@ -1,19 +1,25 @@
 """The parts of JAX that it does not document, or may change: everything of them that is used.
 
-`jax.interpreters`, `jax.extend`, tracers, the options of XLA's compiler and the flags of
-`jax.distributed` have no promise of stability. Whatever of them moves, moves here.
+`jax.interpreters`, `jax.extend`, tracers, the options of XLA's compiler, serialised programs and
+the flags of `jax.distributed` have no promise of stability. Whatever of them moves, moves here.
 """
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import functools
+import os
+import pickle
 import platform
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+import threading
+from collections.abc import Callable, Generator, Mapping, Sequence
+from typing import Any, Protocol
 
 import jax
+import jaxlib.version
 from jax.core import Tracer, eval_context
+from jax.experimental import serialize_executable
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
@@ -51,6 +57,18 @@ def _is_known(option: str, value: Any) -> bool:
     return False
 
 
+class ProgramStore(Protocol):
+    """Where serialised programs are kept from one process to the next."""
+
+    def load(self, key: str) -> bytes | None:
+        """The program of a key as it was saved; None where there is none."""
+        ...
+
+    def save(self, key: str, program: bytes) -> None:
+        """Keep a program."""
+        ...
+
+
 class Compiled:
     """A jitted function whose programs are compiled with options of their own where possible.
 
@@ -60,17 +78,28 @@ class Compiled:
     Args:
         function: to be compiled.
         options: of XLA's compiler.
-        jit: further arguments of `jax.jit`.
+        name: of the function, which no other has.
+        static: how many of its first arguments are static.
+
+    Attributes:
+        store: where programs are kept, which are neither traced nor compiled there again; set by a
+            command for its process.
     """
 
+    store: ProgramStore | None = None
+
     def __init__(
-        self, function: Callable[..., Any], options: Mapping[str, Any], **jit: Any
+        self, function: Callable[..., Any], options: Mapping[str, Any], name: str, static: int
     ) -> None:
-        self._plain = jax.jit(function, **jit)
-        self._function, self._options, self._jit = function, options, jit
+        self._jit: dict[str, Any] = {"static_argnums": tuple(range(static))}
+        self._plain = jax.jit(function, **self._jit)
+        self._function, self._options = function, options
+        self._name, self._static = name, static
+        self._kept: dict[str, Callable[..., Any]] = {}
+        self._lock = threading.Lock()
 
     @functools.cached_property
-    def _own(self) -> Callable[..., Any]:
+    def _own(self) -> Any:
         # Asked of XLA at the first call: an import must not start its devices.
         with untraced():
             known = {key: value for key, value in self._options.items() if _is_known(key, value)}
@@ -80,8 +109,93 @@ class Compiled:
         """The function of arguments that are `concrete` (`is_concrete`) or not."""
         if concrete:
             with contextlib.suppress(ValueError):
-                return self._own(*arguments)
+                key = None if self.store is None else self._key(arguments)
+                if self.store is None or key is None:
+                    return self._own(*arguments)
+                return self._of_store(self.store, key, arguments)
         return self._plain(*arguments)
+
+    def _key(self, arguments: tuple[Any, ...]) -> str | None:
+        """All that the program of these arguments depends on; None for one that is not kept."""
+        static, arrays = arguments[: self._static], arguments[self._static :]
+        with contextlib.suppress(TypeError):
+            if _run_on_first_cpu(arrays):
+                return f"{self._name}\n{_spelled((self._options, *static))}\n{_context(arrays)}"
+        return None
+
+    def _of_store(self, store: ProgramStore, key: str, arguments: tuple[Any, ...]) -> Any:
+        """The function by a program of this process, of the store, or a new one."""
+        arrays = arguments[self._static :]
+        with self._lock:
+            if key not in self._kept and (saved := store.load(key)) is not None:
+                # Only when it runs is it seen whether a program is whole.
+                with contextlib.suppress(Exception):
+                    program = _deserialised(saved)
+                    answer = jax.block_until_ready(program(*arrays))
+                    self._kept[key] = program
+                    return answer
+            if key not in self._kept:
+                with _not_kept_by_jax():
+                    program = self._own.lower(*arguments).compile()
+                self._kept[key] = program
+                # A program that closes over arrays cannot be serialised.
+                with contextlib.suppress(ValueError, NotImplementedError):
+                    store.save(key, pickle.dumps(serialize_executable.serialize(program)))
+        return self._kept[key](*arrays)
+
+
+@contextlib.contextmanager
+def _not_kept_by_jax() -> Generator[None]:
+    """Let JAX's own cache be: a program that came from there cannot be serialised again."""
+    name = "jax_persistent_cache_min_compile_time_secs"
+    before = jax.config.values[name]
+    jax.config.update(name, float("inf"))
+    try:
+        yield
+    finally:
+        jax.config.update(name, before)
+
+
+def _deserialised(program: bytes) -> Callable[..., Any]:
+    """A program as it was serialised, on the first device."""
+    device = jax.devices()[0]
+    return serialize_executable.deserialize_and_load(
+        *pickle.loads(program), backend=device.client, execution_devices=[device]
+    )
+
+
+def _run_on_first_cpu(arrays: Any) -> bool:
+    """Whether programs of these arrays run on the first device, and that is a CPU."""
+    device, default = jax.devices()[0], jax.config.values["jax_default_device"]
+    placed = [x for x in jax.tree.leaves(arrays) if isinstance(x, jax.Array)]
+    on_it = all(x.devices() == {device} for x in placed)
+    return device.platform == "cpu" and default is None and on_it
+
+
+def _context(arrays: Any) -> str:
+    """Shapes and types of arrays, and what of JAX and its settings a program depends on."""
+    leaves, structure = jax.tree.flatten(arrays)
+    types = [(x.shape, str(x.dtype), getattr(x, "weak_type", False)) for x in leaves]
+    flags = os.environ.get("XLA_FLAGS")
+    # Not those that say what JAX keeps, and where.
+    settings = sorted(item for item in jax.config.values.items() if "cache" not in item[0])
+    versions = jax.__version__, jaxlib.version.__version__
+    return repr((structure, types, versions, flags, settings))
+
+
+def _spelled(value: Any) -> str:
+    """A static argument in full, the same in each process; a TypeError where that cannot be."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        parts = [getattr(value, field.name) for field in dataclasses.fields(value)]
+    elif isinstance(value, Mapping):
+        parts = list(value.items())
+    elif isinstance(value, tuple):
+        parts = list(value)
+    elif value is None or isinstance(value, (str, int, float)):
+        return repr(value)
+    else:
+        raise TypeError(f"expected a value that can be spelled, got {value!r}")
+    return f"{type(value).__qualname__}({', '.join(map(_spelled, parts))})"
 
 
 def linear_primitive(

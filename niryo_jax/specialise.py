@@ -104,9 +104,10 @@ Known = Literal["all", "units", "units of screws"]
 
 def _pattern_of(robot: Robot, which: Known) -> tuple[Pattern, jax.Array]:
     """The pattern and the arguments of a concrete robot."""
-    cache: dict[tuple[Known, np.dtype], tuple[Pattern, jax.Array]]
+    cache: dict[tuple[Known, bool], tuple[Pattern, jax.Array]]
     cache = robot.__dict__.setdefault("_patterns", {})
-    key = which, jnp.result_type(float)
+    # Not `jnp.result_type(float)`, which is slow.
+    key = which, bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
     if key not in cache:
         screws, home = np.asarray(robot.screws), np.asarray(robot.home)
         numbers = np.concatenate([screws.ravel(), home.ravel()])
@@ -118,7 +119,7 @@ def _pattern_of(robot: Robot, which: Known) -> tuple[Pattern, jax.Array]:
         rest = np.array([x for x, number in zip(numbers, known) if number is None])
         # On the device once for all calls; also where the first one comes from a traced function.
         with jax.ensure_compile_time_eval():
-            cache[key] = Pattern(tuple(known), joint_kinds(screws)), jnp.asarray(rest)
+            cache[key] = Pattern(tuple(known), joint_kinds(screws)), jax.device_put(rest)
     return cache[key]
 
 
@@ -145,8 +146,9 @@ def _specialised(function: Callable[..., Result], units: Known) -> Callable[...,
         rest = rest.astype(_dtype_of(arrays))
         return function(pattern.geometry(list(rest)), *arrays, **dict(options))
 
+    name = f"{function.__module__}.{function.__qualname__}"
     compiled = {
-        quick: Compiled(of_pattern, options, static_argnums=(0, 1))
+        quick: Compiled(of_pattern, options, name, static=2)
         for quick, options in ((False, RUN_FAST), (True, COMPILE_FAST))
     }
 

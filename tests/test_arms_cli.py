@@ -116,10 +116,16 @@ def test_a_urdf_file_that_does_not_do_ends_with_2(cli, as_json, urdf, options, s
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["absent.urdf"], "'absent.urdf' is neither a URDF file nor one of the robots niryo_one"),
+        (
+            ["absent.urdf"],
+            "'absent.urdf' is neither a URDF or MJCF file nor one of the robots",
+        ),
         (["--robot", "absent"], "'absent' is neither"),
         (["niryo_one", "--robot", "niryo_ned"], "name the robot once"),
-        (["niryo_one", "--tip", "hand"], "--base and --tip choose the chain of a URDF file"),
+        (
+            ["niryo_one", "--tip", "hand"],
+            "--base and --tip choose the chain of a URDF or MJCF",
+        ),
         (["niryo_one", "niryo_ned"], "niryo_ned"),
     ],
 )
@@ -135,3 +141,107 @@ def test_a_missing_parser_ends_with_5(cli, urdf, monkeypatch):
     code, out, err = cli("describe", urdf)
     assert (code, out) == (5, "")
     assert 'pip install "niryo_jax[urdf]"' in err
+
+
+# --- arms of files, in every command
+
+
+needs_mujoco = pytest.mark.skipif(
+    importlib.util.find_spec("mujoco") is None, reason="mujoco is not installed"
+)
+SCARA = """<mujoco model="scara"><worldbody><body name="a"><joint name="j1" axis="0 0 1"/>
+<geom size=".1"/><body name="b" pos=".3 0 0"><joint name="j2" axis="0 0 1"/><geom size=".1"/>
+<body name="c" pos=".2 0 0"><joint name="j3" axis="0 0 1"/><geom size=".1"/>
+<body name="d" pos="0 0 .1"><joint name="j4" type="slide" axis="0 0 1" range="-1 2"/>
+<geom size=".1"/><site name="hand" pos="0 .1 0"/></body></body></body></body></worldbody></mujoco>
+"""
+
+
+@pytest.fixture
+def mjcf(tmp_path):
+    """An MJCF file of four joints and a site."""
+    file = tmp_path / "scara.xml"
+    file.write_text(SCARA)
+    return file
+
+
+@needs_mujoco
+def test_an_mjcf_arm_is_described_and_solved(as_json, mjcf, monkeypatch):
+    code, document = as_json("describe", mjcf, "--tip", "hand")
+    assert code == 0
+    assert document["robot"] == "scara"
+    assert document["joint_kinds"] == ["revolute"] * 3 + ["prismatic"]
+    with mjcf.open() as stream:
+        monkeypatch.setattr(sys, "stdin", stream)
+        assert as_json("describe", "-", "--tip", "hand") == (0, document)
+    other = mjcf.rename(mjcf.with_suffix(".model"))
+    assert as_json("describe", other, "--tip", "hand") == (0, document)
+    arm = ("--robot", other, "--tip", "hand")
+    # The last joint slides, and is in metres whatever the unit of the angles.
+    code, reached = as_json("fk", 10, 20, 30, 0.5, "--degrees", *arm)
+    assert code == 0
+    np.testing.assert_allclose(reached["joints_rad"], [*np.deg2rad([10, 20, 30]), 0.5])
+    np.testing.assert_allclose(reached["pose"][2][3], 0.6)
+    code, document = as_json("ik", "--matrix", str(reached["pose"]), "--degrees", *arm)
+    assert (code, document["robot"]) == (0, "scara")
+    joints = np.array([solution["joints_rad"] for solution in document["solutions"]])
+    assert np.abs(joints - reached["joints_rad"]).max(axis=1).min() < 1e-9
+
+
+@needs_yourdfpy
+def test_a_urdf_arm_is_the_arm_that_it_was_written_from(as_json, tmp_path):
+    file = tmp_path / "arm.urdf"
+    robot = nj.robots.niryo_one()
+    nj.robots.to_urdf(robot, file)
+    q = [str(angle) for angle in (0.1, -0.2, 0.3, 0.4, -0.5, 0.6)]
+    _, expected = as_json("fk", *q, "--radians")
+    code, document = as_json("fk", *q, "--radians", "--robot", file)
+    assert (code, document["within_limits"]) == (0, True)
+    np.testing.assert_allclose(document["pose"], expected["pose"], rtol=0, atol=1e-12)
+    code, found = as_json("ik", "--matrix", str(expected["pose"]), "--radians", "--robot", file)
+    assert (code, found["complete"]) == (0, True)
+    joints = np.array([solution["joints_rad"] for solution in found["solutions"]])
+    assert np.abs(joints - expected["joints_rad"]).max(axis=1).min() < 1e-9
+    code, planned = as_json("pick-and-place", "--dry-run", "--robot", file)
+    assert (code, len(planned["steps"])) == (0, 10)
+    code, refused = as_json("pick-and-place", "--robot", file)
+    assert code == refused["exit_code"] == 2
+    assert "is no Niryo arm" in refused["error"]
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (bytes(range(256)), "expected a URDF or MJCF document; this is no XML"),
+        (b"", "this is no XML: no element found"),
+        (b"hello", "this is no XML: syntax error"),
+        (b"<html/>", "expected a URDF (<robot>) or an MJCF model (<mujoco>), got <html>"),
+        (b"<robot name='a'><link", "unclosed token"),
+        (b"<robot name='a'><link name='a'/></robot>", "no joint moves"),
+        (b"<mujoco/>", "expected one chain"),
+        (b"<mujoco><worldbody><body><joint type='x'/></body></worldbody></mujoco>", "'x'"),
+    ],
+)
+@pytest.mark.parametrize("command", ["describe", "fk", "ik", "map"])
+def test_a_file_that_is_no_arm_ends_with_2_and_its_name(cli, tmp_path, content, sentence, command):
+    pytest.importorskip("mujoco" if b"mujoco" in content else "yourdfpy")
+    file = tmp_path / "arm.xml"
+    file.write_bytes(content)
+    arguments = {
+        "describe": ["describe", file],
+        "fk": ["fk", "0", "--degrees", "--robot", file],
+        "ik": ["ik", *"000", "--rpy", *"000", "--degrees", "--robot", file],
+        "map": ["workspace", "map", file, "--dry-run"],
+    }[command]
+    code, out, err = cli(*arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith(f"error: ROBOT: {file}: ")
+    assert sentence in err
+    assert len(err.splitlines()) == 1
+
+
+def test_a_missing_reader_of_mjcf_ends_with_5(cli, mjcf, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    code, out, err = cli("describe", mjcf)
+    assert (code, out) == (5, "")
+    assert 'pip install "niryo_jax[mjcf]"' in err

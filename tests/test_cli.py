@@ -97,11 +97,11 @@ def test_fk_in_degrees_and_in_radians_is_the_same(as_json):
     np.testing.assert_allclose(document["pose"], expected, rtol=0, atol=1e-15)
 
 
-def test_fk_shows_millimetres_and_says_where_joints_are_outside_the_limits(cli):
+def test_fk_shows_metres_and_says_where_joints_are_outside_the_limits(cli):
     code, out, err = cli("fk", "0", "0", "0", "0", "0", "170", "--degrees")
     assert code == 0
-    assert "(245.200, 0.000, 417.500) mm" in out
-    assert "170.00" in out
+    assert "position (m)          0.2452, 0.0, 0.4175\n" in out
+    assert "roll pitch yaw (deg)  170.0, 0.0, 0.0\n" in out
     assert "outside the limits" in err
 
 
@@ -210,8 +210,20 @@ def test_ik_without_a_solution_ends_with_3_and_its_sentence(as_json, cli):
         (["ik", *PICK], "--degrees or --radians"),
         (["ik", "--degrees"], "give the pose in one way"),
         (["ik", *PICK, "--matrix", "1", "--degrees"], "give the pose in one way"),
-        (["ik", "0.1", "0.2", "--rpy", "0", "0", "0", "--degrees"], "three lengths"),
-        (["ik", "nan", "0", "0", "--rpy", "0", "0", "0", "--degrees"], "not a rigid motion"),
+        (["ik", "0.1", "0.2", "0.3", "--degrees"], "three lengths"),
+        (["ik", "0.1", "0.2", "--rpy", "0", "0", "0", "--degrees"], "3 finite lengths, got 2"),
+        (["ik", "nan", "0", "0", "--rpy", "0", "0", "0", "--degrees"], "got 3: nan 0 0"),
+        (["ik", "1", "0", "0", "--rpy", "0", "1e400", "0", "--degrees"], "got 3: 0 inf 0"),
+        (["ik", "--matrix", "nan 0 0 0 0 1 0 0 0 0 1 0", "--degrees"], "not a rigid motion"),
+        (["fk", "1e300", *["0"] * 5, "--degrees"], "angles that have a sine"),
+        (["fk", "1_0", *["0"] * 5, "--degrees"], "got '1_0'"),
+        (["fk", "", "--degrees"], "got 0: none"),
+        (["fk", *["0"] * 6, "--degrees", "--robot", ""], "'' is neither"),
+        (["fk", *["0"] * 6, "--degrees", "--robot", "/"], "'/' is a directory"),
+        (["fk", *["0"] * 6, "--degrees", "--robot", "a" * 5000], "is neither"),
+        (["pick-and-place", "--speed", "fast"], "got 'fast'"),
+        (["pick-and-place", "--robot", "abb_irb120"], "is no Niryo arm"),
+        (["pick-and-place", "--speed=1000"], "got '1000'"),
         (["ik", "--matrix", "1 2 3", "--degrees"], "expected 16 numbers"),
         (["ik", "--matrix", "1 2 x", "--degrees"], "'x'"),
         (["ik", "--matrix", "2 0 0 0 0 2 0 0 0 0 2 0", "--degrees"], "not a rigid motion"),

@@ -238,7 +238,7 @@ def test_the_store_of_a_urdf_stays_in_the_directory(cli, asked, tmp_path):
         ("--share x", "--share: expected I/N"),
         ("--share 0/2 --distributed", "expected one of the two"),
         ("--distributed", "--distributed: "),
-        ("--tip x", "--base and --tip choose the chain of a URDF file"),
+        ("--tip x", "--base and --tip choose the chain of a URDF or MJCF file"),
     ],
 )
 def test_wrong_options_end_with_2_and_leave_no_store(

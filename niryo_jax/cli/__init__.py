@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 
@@ -9,22 +10,35 @@ import jax
 
 from niryo_jax._jax import COMPILE_FAST
 from niryo_jax.cli.outcome import ExitCode, Failure
+from niryo_jax.cli.streams import guard_streams
 
 
 def main() -> None:
     """Run the command with the arguments of this process, and exit with an `ExitCode`."""
+    # What is imported stays: looking through it for garbage takes a tenth of a short command.
+    gc.freeze()
+    arguments = sys.argv[1:] or ["--help"]
+    try:
+        guard_streams()
+        code = _run(arguments)
+    except Failure as failure:
+        code = failure.report(as_json="--json" in arguments)
+    except KeyboardInterrupt:
+        code = Failure("interrupted", ExitCode.INTERRUPTED).report(as_json="--json" in arguments)
+    sys.exit(code)
+
+
+def _run(arguments: list[str]) -> int:
     try:
         from niryo_jax.cli.app import run
         from niryo_jax.cli.cache import keep_programs
     except ModuleNotFoundError as error:
         if error.name not in ("typer", "rich", "platformdirs"):
             raise
-        missing = Failure(
+        raise Failure(
             f'niryo-jax needs {error.name}; install it with: pip install "niryo_jax[cli]"',
             ExitCode.MISSING_EXTRA,
-        )
-        sys.exit(missing.report(as_json="--json" in sys.argv))
-    arguments = sys.argv[1:] or ["--help"]
+        ) from error
     jax.config.update("jax_enable_x64", True)
     keep_programs()
     if arguments[0] != "workspace":
@@ -35,4 +49,4 @@ def main() -> None:
             for name, value in COMPILE_FAST.items()
         ]
         os.environ.setdefault("XLA_FLAGS", " ".join(flags))
-    sys.exit(run(arguments))
+    return run(arguments)

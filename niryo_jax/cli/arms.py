@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 from numpy.typing import ArrayLike
 
-from niryo_jax.cli.console import stdout
+from niryo_jax.cli.choice import ARM, ArmArgument, BaseOption, TipOption, load_arm
+from niryo_jax.cli.console import show_lines, show_table
 from niryo_jax.cli.options import JsonOption
-from niryo_jax.cli.outcome import ExitCode, Failure, print_json
+from niryo_jax.cli.outcome import print_json
 from niryo_jax.cli.tables import new_table
 from niryo_jax.robot import Robot
 from niryo_jax.robots import catalogue
-from niryo_jax.robots.urdf import from_urdf
 from niryo_jax.structure import axes
 
 
@@ -36,32 +35,25 @@ def robots(as_json: JsonOption = False) -> None:
     table.add_column("structure and inverse kinematics")
     for name, arm in arms.items():
         table.add_row(name, str(arm.joints), _kinds(arm), "\n".join(_structure(arm)))
-    stdout().print(table)
+    show_table(table)
 
 
 def describe(
-    arm: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="ROBOT-OR-URDF",
-            help="A robot that `niryo-jax robots` lists, or a URDF file; niryo_one unless given.",
-        ),
-    ] = None,
+    arm: ArmArgument = None,
     robot: Annotated[
-        str | None, typer.Option("--robot", metavar="ROBOT", help="The same as the argument.")
+        str | None, typer.Option("--robot", metavar=ARM, help="The same as the argument.")
     ] = None,
-    base: Annotated[
-        str | None, typer.Option(help="URDF: the link that the chain starts at.")
-    ] = None,
-    tip: Annotated[str | None, typer.Option(help="URDF: the link that it ends at.")] = None,
+    base: BaseOption = None,
+    tip: TipOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """An arm in words: joints, limits, home pose, and how its axes lie to each other."""
     if arm is not None and robot is not None:
         raise typer.BadParameter("name the robot once: as the argument, or with --robot")
-    chosen = load_arm(arm or robot or "niryo_one", base, tip)
+    given = robot if arm is None else arm
+    chosen = load_arm("niryo_one" if given is None else given, base, tip)
     if not as_json:
-        stdout().print(chosen.describe(), markup=False)
+        show_lines(chosen.describe())
         return
     document = {
         "robot": chosen.name,
@@ -74,25 +66,6 @@ def describe(
         "description": chosen.describe(),
     }
     print_json(document)
-
-
-def load_arm(name: str, base: str | None, tip: str | None) -> Robot:
-    """The arm of a name that `niryo-jax robots` lists, or of a URDF file."""
-    if name in catalogue.names():
-        if base is not None or tip is not None:
-            raise typer.BadParameter("--base and --tip choose the chain of a URDF file")
-        return catalogue.load(name)
-    if not Path(name).is_file():
-        known = ", ".join(catalogue.names())
-        raise typer.BadParameter(
-            f"ROBOT: {name!r} is neither a URDF file nor one of the robots {known}"
-        )
-    try:
-        return from_urdf(Path(name), base, tip)
-    except ImportError as error:
-        raise Failure(str(error), ExitCode.MISSING_EXTRA) from error
-    except (ValueError, OSError) as error:
-        raise Failure(str(error), ExitCode.USAGE) from error
 
 
 def _kinds(arm: Robot) -> str:

@@ -6,8 +6,15 @@ import sys
 import threading
 from collections.abc import Generator
 from contextlib import contextmanager
+from typing import Any
 
+from rich.cells import cell_len
 from rich.console import Console
+from rich.measure import Measurement
+from rich.table import Table
+
+# Names and addresses may look like markup: [red], or :b:.
+_AS_IT_IS: Any = {"markup": False, "emoji": False, "highlight": False}
 
 # Width of tables that go to a file or to another program.
 _WIDTH = 110
@@ -21,12 +28,31 @@ _PATIENCE = 1.0
 
 def stdout() -> Console:
     """The console of results."""
-    return Console(width=None if sys.stdout.isatty() else _WIDTH, highlight=False)
+    return Console(width=None if sys.stdout.isatty() else _WIDTH, **_AS_IT_IS)
+
+
+def show_table(table: Table) -> None:
+    """Print a table to stdout, no narrower than its numbers and longest words ask for."""
+    console = stdout()
+    for column in table.columns:
+        if column.no_wrap or column.justify == "right":
+            lines = [line for cell in column.cells for line in str(cell).splitlines()]
+            lines += str(column.header).splitlines()
+            column.no_wrap, column.min_width = True, max(map(cell_len, lines), default=0)
+    wide = console.options.update(max_width=10_000)
+    console.width = max(console.width, Measurement.get(console, wide, table).minimum)
+    console.print(table)
+
+
+def show_lines(*lines: str) -> None:
+    """Print lines to stdout that may be copied: however narrow the terminal, none is broken."""
+    for line in lines:
+        stdout().print(line, soft_wrap=True)
 
 
 def stderr() -> Console:
     """The console of progress and remarks."""
-    return Console(stderr=True, highlight=False, soft_wrap=True)
+    return Console(stderr=True, soft_wrap=True, **_AS_IT_IS)
 
 
 def note_rounding(distance: float) -> None:

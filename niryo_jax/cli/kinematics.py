@@ -10,20 +10,24 @@ import numpy as np
 import typer
 
 from niryo_jax.chain import forward_kinematics
-from niryo_jax.cli.console import busy, note_rounding, stderr, stdout
+from niryo_jax.cli.choice import ArmOption, BaseOption, TipOption, load_arm
+from niryo_jax.cli.console import busy, note_rounding, show_lines, show_table, stderr
 from niryo_jax.cli.explain import explain as explain_branches
 from niryo_jax.cli.explain import explained_table
 from niryo_jax.cli.options import (
     DegreesOption,
     JsonOption,
-    RobotName,
-    RobotOption,
-    in_radians,
-    number,
+    finite,
+    in_unit,
+    joint_unit_name,
+    joint_units,
+    number_words,
+    numbers,
+    unit_name,
 )
 from niryo_jax.cli.outcome import ExitCode, Failure, print_json
 from niryo_jax.cli.poses import read_pose
-from niryo_jax.cli.tables import angles, millimetres, solutions_table, unit_name
+from niryo_jax.cli.tables import digits, solutions_table
 from niryo_jax.ik import (
     IKSolutions,
     IKStatus,
@@ -37,24 +41,32 @@ from niryo_jax.robot import Robot
 
 def fk(
     q: Annotated[
-        list[float],
-        typer.Argument(parser=number, metavar="Q", help="The joint angles, joint 1 first."),
+        list[str],
+        typer.Argument(
+            parser=number_words,
+            metavar="Q",
+            help="The joint angles, joint 1 first; metres for joints that slide. "
+            "Between spaces or commas.",
+        ),
     ],
     degrees: DegreesOption,
-    robot: RobotOption = RobotName.NIRYO_ONE,
+    robot: ArmOption = "niryo_one",
+    base: BaseOption = None,
+    tip: TipOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Forward kinematics: the pose of the tool frame at joint angles Q."""
-    arm = robot.model.robot()
-    joints = in_radians(q, degrees)
-    if len(q) != arm.joints or not np.all(np.isfinite(joints)):
-        raise typer.BadParameter(f"Q: expected {arm.joints} finite angles, got {q}")
+    values = numbers(" ".join(q))
+    arm = load_arm(robot, base, tip)
+    joints = finite("Q", values, arm.joints, "angles") * joint_units(arm, degrees)
     pose = np.asarray(forward_kinematics(arm, joints))
+    if not np.all(np.isfinite(pose)):
+        raise typer.BadParameter(f"Q: expected angles that have a sine, got {values}")
     within = bool(np.all((arm.lower <= joints) & (joints <= arm.upper)))
     x, y, z, *rpy = rpy_from_pose(pose)
     if as_json:
         document = {
-            "robot": robot.value,
+            "robot": arm.name,
             "joints_rad": joints.tolist(),
             "pose": pose.tolist(),
             "position_m": [x, y, z],
@@ -63,12 +75,13 @@ def fk(
         }
         print_json(document)
         return
-    out = stdout()
-    out.print(f"position        ({millimetres((x, y, z), decimals=3)}) mm")
-    out.print(f"roll pitch yaw  ({', '.join(angles(rpy, degrees).split())}) {unit_name(degrees)}")
-    out.print("pose            (metres)")
-    for row in pose + 0.0:
-        out.print("  ".join(f"{value:12.9f}" for value in row))
+    show_lines(
+        f"position (m)          {digits((x, y, z))}",
+        f"roll pitch yaw ({unit_name(degrees)})  {digits(in_unit(rpy, degrees))}",
+        "pose (m)",
+        *("  ".join(f"{value:15.12f}" for value in row) for row in pose + 0.0),
+        "`niryo-jax ik` takes these numbers: X Y Z --rpy R P Y, or --matrix of the pose in quotes.",
+    )
     if not within:
         stderr().print("note: these joint angles are outside the limits of the arm")
 
@@ -76,11 +89,13 @@ def fk(
 def ik(
     degrees: DegreesOption,
     position: Annotated[
-        list[float] | None,
-        typer.Argument(parser=number, metavar="X Y Z", help="Position of the tool frame, metres."),
+        list[str] | None,
+        typer.Argument(
+            parser=number_words, metavar="X Y Z", help="Position of the tool frame, metres."
+        ),
     ] = None,
     rpy: Annotated[
-        tuple[float, float, float] | None,
+        tuple[str, str, str] | None,
         typer.Option(metavar="R P Y", help="Roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll)."),
     ] = None,
     matrix: Annotated[
@@ -88,7 +103,8 @@ def ik(
         typer.Option(help='The pose as 16 or 12 numbers row by row: "0 0 1 0.148; ...".'),
     ] = None,
     pose_file: Annotated[
-        Path | None, typer.Option(help="A file with the 4 x 4 matrix, .json or .npy.")
+        Path | None,
+        typer.Option(help="A file with the 4 x 4 matrix, .json or .npy; - for JSON on stdin."),
     ] = None,
     in_millimetres: Annotated[
         bool, typer.Option("--millimetres", help="The position is given in millimetres.")
@@ -96,20 +112,26 @@ def ik(
     explain: Annotated[
         bool, typer.Option("--explain", help="Show what the published method makes of it.")
     ] = False,
-    robot: RobotOption = RobotName.NIRYO_ONE,
+    robot: ArmOption = "niryo_one",
+    base: BaseOption = None,
+    tip: TipOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Inverse kinematics: the joint angles that bring the tool frame to a pose."""
-    arm = robot.model.robot()
     pose = read_pose(position, rpy, matrix, pose_file, degrees=degrees, millimetres=in_millimetres)
-    with busy("Solving"):
-        solutions = jax.block_until_ready(inverse_kinematics(arm, pose))
-        branches = explain_branches(seeded_branches(arm, pose), solutions) if explain else []
+    arm = load_arm(robot, base, tip)
+    try:
+        with busy("Solving"):
+            # As numpy, of which single numbers are taken without a program for each.
+            solutions = jax.device_get(inverse_kinematics(arm, jax.device_put(pose)))
+            branches = explain_branches(seeded_branches(arm, pose), solutions) if explain else []
+    except ValueError as error:
+        raise Failure(str(error), ExitCode.USAGE) from error
     status = IKStatus(int(solutions.status))
     distance = float(solutions.pose_distance)
     message = solutions.message()
     document: dict[str, object] = {
-        "robot": robot.value,
+        "robot": arm.name,
         "status": status.name,
         "message": message,
         "complete": bool(solutions.complete),
@@ -123,19 +145,29 @@ def ik(
     if not as_json:
         _show(arm, solutions, degrees)
         if explain:
-            stdout().print(explained_table(branches))
+            show_table(explained_table(branches))
         note_rounding(distance)
     if status is not IKStatus.SOLVED:
         raise Failure(message, ExitCode.NO_SOLUTION, document)
     if as_json:
         print_json(document)
     else:
-        stdout().print(message)
+        show_lines(message)
 
 
 def _show(arm: Robot, solutions: IKSolutions, degrees: bool) -> None:
-    if solutions.count > 0:
-        stdout().print(solutions_table(arm, solutions, degrees))
+    """The solutions as a table, and with all their digits."""
+    if solutions.count == 0:
+        return
+    show_table(solutions_table(arm, solutions, degrees))
+    vector = "np.deg2rad([...])" if degrees else "[...]"
+    show_lines(
+        f"All digits ({joint_unit_name(arm, degrees)}), for `niryo-jax fk ... "
+        f"{'--degrees' if degrees else '--radians'}` and `arm.move_joints({vector})`:"
+    )
+    for slot in np.flatnonzero(solutions.found):
+        joints = digits(solutions.q[slot] / joint_units(arm, degrees))
+        show_lines(f"{slot + 1:3d}  {joints}")
 
 
 def _as_documents(solutions: IKSolutions) -> list[dict[str, object]]:

@@ -7,9 +7,6 @@ import sys
 from collections.abc import Mapping
 
 from niryo_jax.codes import Code
-from niryo_jax.hardware import ArgumentRejected, NiryoError, PyniryoMissing
-from niryo_jax.hardware.pick_and_place import StepUnsolvable
-from niryo_jax.workspace import StoreError
 
 
 class ExitCode(Code):
@@ -22,7 +19,9 @@ class ExitCode(Code):
     ROBOT = 4, "the robot cannot be reached, refused, or did not get there"
     MISSING_EXTRA = 5, "an optional package is not installed"
     STORE = 6, "a map's store cannot be used or written"
+    OUTPUT = 7, "standard output is closed or full"
     INTERRUPTED = 130, "interrupted with Ctrl-C"
+    PIPE = 141, "the program that read the output ended before its end"
 
 
 class Failure(Exception):
@@ -52,6 +51,11 @@ class Failure(Exception):
 
 def as_failure(error: Exception) -> Failure:
     """Any error, as a sentence and an exit code."""
+    # Not above: most commands need neither a robot nor a map, and importing them takes its time.
+    from niryo_jax.hardware import ArgumentRejected, NiryoError, PyniryoMissing
+    from niryo_jax.hardware.pick_and_place import StepUnsolvable
+    from niryo_jax.workspace import StoreError
+
     match error:
         case Failure():
             return error
@@ -65,6 +69,8 @@ def as_failure(error: Exception) -> Failure:
             code = ExitCode.STORE
         case NiryoError():
             code = ExitCode.ROBOT
+        case OSError() if error.filename:
+            code = ExitCode.USAGE
         case _:
             return Failure(
                 f"unexpected {type(error).__name__}: {error} (NIRYO_JAX_DEBUG=1 shows where)",

@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from niryo_jax.cli.console import busy, note_rounding, stderr, stdout
-from niryo_jax.cli.options import JsonOption, RobotName, RobotOption
+from niryo_jax.cli.choice import ArmOption, BaseOption, TipOption, load_arm
+from niryo_jax.cli.console import busy, note_rounding, show_lines, show_table, stderr
+from niryo_jax.cli.options import JsonOption
 from niryo_jax.cli.outcome import Failure, as_failure, print_json
 from niryo_jax.cli.progress import StepProgress
 from niryo_jax.cli.tables import millimetres, plan_table, records_table
@@ -21,6 +22,7 @@ from niryo_jax.hardware.pick_and_place import (
     execute,
     plan,
 )
+from niryo_jax.robots import MODELS
 
 
 def pick_and_place(
@@ -44,7 +46,9 @@ def pick_and_place(
         float | None,
         typer.Option(min=0.01, help="How many times faster the simulated robot moves (else 1)."),
     ] = None,
-    robot: RobotOption = RobotName.NIRYO_ONE,
+    robot: ArmOption = "niryo_one",
+    base: BaseOption = None,
+    tip: TipOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Solve the ten-step pick-and-place of the paper's Table 2.1 and let a robot execute it.
@@ -53,29 +57,36 @@ def pick_and_place(
     """
     if time_scale is not None and (host is not None or dry_run):
         raise typer.BadParameter("--time-scale is for the simulated robot, when it moves")
-    if tool not in robot.model.tools:
-        known = ", ".join(robot.model.tools)
-        raise typer.BadParameter(f"--tool: {robot.value} has {known}; got {tool!r}")
+    arm = load_arm(robot, base, tip)
+    model = MODELS.get(robot)
+    if model is None and not dry_run:
+        raise typer.BadParameter(
+            f"--robot: {robot!r} is no Niryo arm ({', '.join(MODELS)}), which alone can be driven; "
+            "--dry-run solves and shows the plan of any arm"
+        )
+    if model is not None and tool not in model.tools:
+        known = ", ".join(model.tools)
+        raise typer.BadParameter(f"--tool: {robot} has {known}; got {tool!r}")
     if not dry_run:
         pyniryo_version()  # That it is missing should not be told after seconds of compiling.
     with busy("Solving the five poses in one batch"):
-        planned = plan(robot.model.robot(), percent=speed)
+        planned = plan(arm, percent=speed)
     note_rounding(max(step.pose_distance or 0.0 for step in planned.steps))
     if dry_run:
         if as_json:
             print_json(_document(planned))
         else:
-            stdout().print(plan_table(planned))
+            show_table(plan_table(planned))
     elif host is not None:
         stderr().print(
-            f"Driving the {robot.value} at {host}: it is calibrated if it asks for that, opens "
+            f"Driving the {robot} at {host}: it is calibrated if it asks for that, opens "
             f"{tool} and carries out ten steps; Ctrl-C ends after the move under way."
         )
         _run(planned, host, tool, None, as_json)
-    else:
-        with SimulatedNiryo(robot.model, time_scale=time_scale or 1.0, tool=tool) as simulated:
+    elif model is not None:
+        with SimulatedNiryo(model, time_scale=time_scale or 1.0, tool=tool) as simulated:
             simulated.place_object(OBJECT_START)
-            stderr().print(f"Driving a simulated {robot.value} at {simulated.address}")
+            stderr().print(f"Driving a simulated {robot} at {simulated.address}")
             _run(planned, simulated.address, tool, simulated, as_json)
 
 
@@ -98,9 +109,9 @@ def _run(
     position = None if simulated is None else simulated.object_position
     document["object_position_m"] = None if position is None else position.tolist()
     if not as_json and progress.records:
-        stdout().print(records_table(progress.records))
+        show_table(records_table(progress.records))
         if position is not None:
-            stdout().print(f"The object is at ({millimetres(position)}) mm.")
+            show_lines(f"The object is at ({millimetres(position)}) mm.")
     if failure is not None:
         raise Failure(str(failure), failure.code, document)
     if as_json:

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 
 import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from niryo_jax.cli.options import in_radians
+from niryo_jax.cli.options import finite, in_radians, numbers
+from niryo_jax.cli.streams import read_stdin
 from niryo_jax.lie.rpy import pose_from_rpy
 
 Vector = NDArray[np.float64]
 
 
 def read_pose(
-    position: list[float] | None,
-    rpy: tuple[float, float, float] | None,
+    position: list[str] | None,
+    rpy: tuple[str, str, str] | None,
     matrix: str | None,
     file: Path | None,
     *,
@@ -39,38 +39,40 @@ def read_pose(
         pose = _parse_matrix(matrix)
     elif file is not None:
         pose = _load(file)
-    elif position is None or len(position) != 3 or rpy is None:
+    elif not position or rpy is None:
         raise typer.BadParameter("X Y Z --rpy R P Y: expected three lengths and three angles")
     else:
-        pose = pose_from_rpy([*position, *in_radians(rpy, degrees)])
+        place = finite("X Y Z", numbers(" ".join(position)), 3, "lengths")
+        turn = finite("--rpy R P Y", numbers(" ".join(rpy)), 3, "angles")
+        pose = pose_from_rpy([*place, *in_radians(turn, degrees)])
     if millimetres:
         pose[:3, 3] /= 1e3
     return pose
 
 
 def _parse_matrix(text: str) -> Vector:
-    words = [word for word in re.split(r"[\s,;\[\]]+", text) if word]
-    try:
-        numbers = np.array([float(word) for word in words])
-    except ValueError as error:
-        raise typer.BadParameter(f"--matrix: {error}") from error
-    if numbers.size == 12:
-        numbers = np.concatenate([numbers, [0, 0, 0, 1]])
-    if numbers.size != 16:
+    entries = numbers(text)
+    if len(entries) == 12:
+        entries += [0, 0, 0, 1]
+    if len(entries) != 16:
         raise typer.BadParameter(
             "--matrix: expected 16 numbers row by row, or 12 without the last row, "
-            f"got {len(words)}"
+            f"got {len(entries)}"
         )
-    return numbers.reshape(4, 4)
+    return np.array(entries).reshape(4, 4)
 
 
 def _load(file: Path) -> Vector:
+    """The matrix of a file; of JSON on standard input where that is -."""
     try:
         if file.suffix == ".npy":
-            pose = np.array(np.load(file, allow_pickle=False), dtype=np.float64)
+            with file.open("rb") as stream:
+                array = np.lib.format.read_array(stream, allow_pickle=False)
+            pose = np.array(array, dtype=np.float64)
         else:
-            pose = np.array(json.loads(file.read_text(encoding="utf-8")), dtype=np.float64)
-    except (OSError, ValueError, TypeError) as error:
+            text = read_stdin() if str(file) == "-" else file.read_text(encoding="utf-8")
+            pose = np.array(json.loads(text), dtype=np.float64)
+    except (OSError, ValueError, TypeError, OverflowError, RecursionError) as error:
         raise typer.BadParameter(
             f"--pose-file: {file} cannot be read as a 4 x 4 matrix in JSON or .npy: {error}"
         ) from error

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from niryo_jax.cli.console import stdout
-from niryo_jax.cli.options import JsonOption, RobotName, RobotOption
+from niryo_jax.cli.options import JsonOption, NiryoOption, RobotName
 from niryo_jax.cli.outcome import ExitCode, Failure, print_json
 from niryo_jax.cli.tables import millimetres
 from niryo_jax.hardware import SimulatedNiryo
@@ -38,7 +38,7 @@ def simulate(
         typer.Option("--object", metavar="X Y", help="Where the object stands, metres."),
     ] = OBJECT_START[:2],
     system: Annotated[System, typer.Option(help="Version of the robot's system.")] = System.V4,
-    robot: RobotOption = RobotName.NIRYO_ONE,
+    robot: NiryoOption = RobotName.NIRYO_ONE,
     as_json: JsonOption = False,
 ) -> None:
     """Simulate a robot on this machine until Ctrl-C, for pyniryo in any other program."""

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 from rich import box
 from rich.table import Table
 
-from niryo_jax.cli.options import in_unit
-from niryo_jax.hardware.pick_and_place import Plan, PlannedStep, StepRecord
+from niryo_jax.cli.options import in_unit, joint_unit_name, joint_units
 from niryo_jax.ik import IKSolutions
 from niryo_jax.robot import Robot
+
+if TYPE_CHECKING:
+    from niryo_jax.hardware.pick_and_place import Plan, PlannedStep, StepRecord
 
 
 def angles(q: ArrayLike, degrees: bool, width: int = 0) -> str:
@@ -29,21 +32,28 @@ def millimetres(position: ArrayLike, decimals: int = 1) -> str:
     return ", ".join(f"{value:.{decimals}f}" for value in rounded)
 
 
-def unit_name(degrees: bool) -> str:
-    """The abbreviation of the unit of angles."""
-    return "deg" if degrees else "rad"
+def digits(values: ArrayLike) -> str:
+    """Numbers with all the digits that matter, to be copied: into a command, or between brackets.
+
+    A picometre, or a millionth of a microradian, is below what any answer is accurate to.
+    """
+    shown = [0.0 if abs(x) < 5e-13 else x for x in np.asarray(values, dtype=np.float64)]
+    return ", ".join(np.format_float_positional(x, precision=12, trim="0") for x in shown)
 
 
 def solutions_table(robot: Robot, solutions: IKSolutions, degrees: bool) -> Table:
     """The solutions of one pose, best first."""
-    table = new_table(f"Solutions, angles in {unit_name(degrees)}")
+    table = new_table(f"Solutions, joints in {joint_unit_name(robot, degrees)}")
     table.add_column("", justify="right")
     for name in robot.joint_names:
         table.add_column(name, justify="right")
     table.add_column("within limits")
     table.add_column("error (m)", justify="right")
+    units = joint_units(robot, degrees)
+    decimals = np.where(units == 1.0, 4, 2)
     for slot in np.flatnonzero(np.asarray(solutions.found)):
-        row = angles(solutions.q[slot], degrees).split()
+        shown = zip(np.asarray(solutions.q[slot]) / units, decimals)
+        row = [f"{round(float(value), count) + 0.0:.{count}f}" for value, count in shown]
         within = "yes" if solutions.within_limits[slot] else "no"
         error = f"{float(solutions.position_error[slot]):.0e}"
         table.add_row(str(slot + 1), *row, within, error)

@@ -11,8 +11,8 @@ import typer
 from rich.text import Text
 
 from niryo_jax import workspace as ws
-from niryo_jax.cli.arms import load_arm
-from niryo_jax.cli.console import busy, stderr, stdout
+from niryo_jax.cli.choice import ArmArgument, BaseOption, TipOption, load_arm
+from niryo_jax.cli.console import busy, show_lines, show_table, stderr
 from niryo_jax.cli.options import JsonOption
 from niryo_jax.cli.outcome import ExitCode, Failure, print_json
 from niryo_jax.cli.workspace_files import (
@@ -51,10 +51,7 @@ DistributedOption = Annotated[
 @workspace.command("map")
 def make_map(
     context: typer.Context,
-    arm: Annotated[
-        str,
-        typer.Argument(metavar="ROBOT-OR-URDF", help="A robot of `niryo-jax robots`, or a file."),
-    ] = "niryo_one",
+    arm: ArmArgument = None,
     store: Annotated[
         Path | None,
         typer.Option("--store", "-o", help="The Zarr store to write; ROBOT.zarr unless given."),
@@ -83,8 +80,8 @@ def make_map(
         float, typer.Option(help="Metres that count as much as a radian in singular values.")
     ] = 1.0,
     full: Annotated[bool, typer.Option("--full", help="Keep the numbers of each pose.")] = False,
-    base: Annotated[str | None, typer.Option(help="URDF: the link the chain starts at.")] = None,
-    tip: Annotated[str | None, typer.Option(help="URDF: the link that it ends at.")] = None,
+    base: BaseOption = None,
+    tip: TipOption = None,
     share: ShareOption = None,
     distributed: DistributedOption = False,
     dry_run: Annotated[
@@ -98,7 +95,7 @@ def make_map(
     A run that was ended goes on when the same command is given again, or `resume`.
     """
     part = _share(context, share, distributed)
-    robot = load_arm(arm, base, tip)
+    robot = load_arm("niryo_one" if arm is None else arm, base, tip)
     corners = None if bounds is None else (bounds[:3], bounds[3:])
     with refusals():
         chosen = ws.orientations(orientations, kind, seed=seed, rolls=rolls, axis=axis)
@@ -176,7 +173,7 @@ def plot(
         where = output or Path(f"{store.resolve().stem}-{of or kind}.png")
         with written(where):
             ws.plots.save(figure, where)
-    print(f"wrote {where}")
+    show_lines(f"wrote {where}")
 
 
 @workspace.command("export")
@@ -200,7 +197,7 @@ def export(
                 ws.to_npz(found, output)
             else:
                 ws.to_ply(found, output, of or "reachability_index")
-    print(f"wrote {output}")
+    show_lines(f"wrote {output}")
 
 
 @workspace.command("place-base")
@@ -243,7 +240,7 @@ def place_base(
         )
     document = placements_document(found)
     if not as_json:
-        stdout().print(placements_table(found))
+        show_table(placements_table(found))
     if not len(found.base) or not np.all(found.reached[0]):
         raise Failure(
             "no placement was found from which all task poses are reached",

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from niryo_jax import workspace as ws
-from niryo_jax.cli.console import stderr, stdout
+from niryo_jax.cli.console import show_table, stderr
 from niryo_jax.cli.outcome import print_json
 from niryo_jax.cli.tables import new_table
 
@@ -86,7 +86,7 @@ def show(title: str, numbers: dict[str, Any], as_json: bool) -> None:
     table.add_column("value", justify="right", overflow="fold")
     for name, value in numbers.items():
         table.add_row(name.replace("_", " "), Text(_said(name, value)))
-    stdout().print(table)
+    show_table(table)
 
 
 def _said(name: str, value: Any) -> str:
