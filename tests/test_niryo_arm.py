@@ -76,17 +76,21 @@ def arm(sim):
 
 @contextlib.contextmanager
 def impostor(reply: bytes | None, *, close: bool):
-    """Address of a server that sends `reply` to the first bytes it gets (None: at once none)."""
+    """Address of a server that sends `reply` to the first bytes of each (None: at once none)."""
     listener = socket.create_server(("127.0.0.1", 0))
+    listener.settimeout(0.05)
     done = threading.Event()
 
     def serve() -> None:
-        with contextlib.suppress(OSError), listener.accept()[0] as connection:
-            if reply is not None:
-                connection.recv(1024)
-                connection.sendall(reply)
-            if not close:
-                done.wait()
+        with contextlib.ExitStack() as open_ones:
+            while not done.is_set():
+                with contextlib.suppress(OSError):
+                    connection = open_ones.enter_context(listener.accept()[0])
+                    if reply is not None:
+                        connection.recv(1024)
+                        connection.sendall(reply)
+                    if close:
+                        connection.close()
 
     thread = threading.Thread(target=serve)
     thread.start()
@@ -168,7 +172,7 @@ assert "cv2" not in sys.modules
 def test_pyniryo_for_other_robots_warns(monkeypatch, version, warned):
     monkeypatch.setattr(importlib.metadata, "version", lambda _: version)
     assert ("niryo_one" in pyniryo_version().fits) is not warned
-    monkeypatch.setattr("niryo_jax.hardware.arm.PyniryoClient", lambda *_: None)
+    monkeypatch.setattr("niryo_jax.hardware.link.PyniryoClient", lambda *_: None)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         arm_at("127.0.0.1").connect()

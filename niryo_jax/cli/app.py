@@ -60,7 +60,10 @@ def run(arguments: Sequence[str]) -> int:
         warnings.showwarning = _show_warning
         try:
             outcome = app(list(arguments), prog_name="niryo-jax", standalone_mode=False)
-            return outcome if isinstance(outcome, int) else int(ExitCode.DONE)
+            if outcome != ExitCode.INTERRUPTED:
+                return outcome if isinstance(outcome, int) else int(ExitCode.DONE)
+            # typer makes a silent exit code of Ctrl-C.
+            failure = Failure("interrupted", ExitCode.INTERRUPTED)
         except KeyboardInterrupt:
             failure = Failure("interrupted", ExitCode.INTERRUPTED)
         except Exception as error:

@@ -114,7 +114,8 @@ class PyniryoClient:
 
     Args:
         host, port: where the robot's server listens.
-        timeout: seconds for the connection, and again for each first answer.
+        connect_timeout: seconds for the connection, and again for the server to serve it.
+        timeout: seconds for each answer.
         model: what the robot must say it is, as `robots.MODELS` has it; anything where None.
 
     Raises, on construction:
@@ -122,13 +123,15 @@ class PyniryoClient:
         ConnectionFailed, RobotBusy, NotANiryo, WrongArm: see `niryo_jax.hardware.errors`.
     """
 
-    def __init__(self, host: str, port: int, timeout: float, model: str | None = None) -> None:
+    def __init__(
+        self, host: str, port: int, connect_timeout: float, timeout: float, model: str | None
+    ) -> None:
         module = _load()
         self._refused: type[Exception] = module.NiryoRobotException
         self._lock = threading.RLock()
         self._closed = False
         self._robot = module.NiryoRobot()
-        self._connection = Connection(host, port, timeout)
+        self._connection = Connection(host, port, connect_timeout, timeout)
         try:
             self._adopt(timeout)
             self._check_model(model, timeout)

@@ -42,11 +42,16 @@ _COUNTS = range(100, 1000)
 class Connection:
     """A connection to a Niryo, with the methods of a socket that pyniryo calls.
 
+    Args:
+        host, port: where the robot's server listens.
+        timeout: seconds for the connection, and again for the server to serve it.
+        busy_timeout: seconds for the arm to finish a move of an earlier program.
+
     Raises, on construction:
         ConnectionFailed, RobotBusy, NotANiryo: see `niryo_jax.hardware.errors`.
     """
 
-    def __init__(self, host: str, port: int, timeout: float) -> None:
+    def __init__(self, host: str, port: int, timeout: float, busy_timeout: float) -> None:
         self._expected = ""
         self._rest = b""
         with contextlib.closing(BoundedSocket(host, port, timeout)) as knock:
@@ -62,7 +67,7 @@ class Connection:
                         "program (Niryo Studio included); or the arm is finishing a move of an "
                         "earlier program, then wait; or check that this is the robot"
                     )
-                self._synchronise(timeout)
+                self._synchronise(busy_timeout)
             except BaseException:
                 self.close()
                 raise

@@ -46,7 +46,7 @@ class ArmLink:
         """Connect, and see that the right Niryo answers. Done by `with`.
 
         Where the arm is finishing a move of an earlier program its end is waited for, for
-        `connect_timeout` seconds. Warns where the installed pyniryo is not made for this robot.
+        `timeout` seconds. Warns where the installed pyniryo is not made for this robot.
 
         Raises:
             PyniryoMissing: pyniryo is not installed, not importable or not supported.
@@ -63,7 +63,9 @@ class ArmLink:
                 stacklevel=3,
             )
         self.close()
-        self._client = PyniryoClient(self._host, self._port, self._connect_timeout, self._model)
+        self._client = PyniryoClient(
+            self._host, self._port, self._connect_timeout, self._timeout, self._model
+        )
 
     def close(self) -> None:
         """Close the connection; again is allowed. A move that is under way goes on."""
