@@ -39,7 +39,8 @@ class BoundedSocket:
         except TimeoutError:
             raise ConnectionFailed(
                 f"{self.address} did not answer within {timeout:g} s; expected a switched-on robot "
-                "at this address, on the same network, that no other program waits for"
+                "at this address, on the same network (nor does one answer that several programs "
+                "wait for: the arm is finishing a move of an earlier program, or one is connected)"
             ) from None
         except ConnectionRefusedError:
             raise ConnectionFailed(
