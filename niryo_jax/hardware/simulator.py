@@ -37,6 +37,7 @@ class SimulatedNiryo:
     Attributes:
         arm: the simulated arm: joints, tool and object.
         host, port: where the server listens.
+        version: the robot's system.
 
     Raises:
         ValueError: a time scale that is not positive, an unknown version or tool.
@@ -62,6 +63,7 @@ class SimulatedNiryo:
             known = ", ".join(model.tools)
             raise ValueError(f"tool: expected one of {known} for {model.name}, got {tool!r}")
         self.arm = SimulatedArm(model, time_scale=time_scale, mounted_tool=tool)
+        self.version = version
         self._faults = FaultPlan(faults)
         self._server = Server(
             self.arm, modern=version == "5.6.3", host=host, port=port, faults=self._faults

@@ -78,8 +78,8 @@ class SimulatedArm:
         return self.pose_at(self.joints)
 
     def pose_at(self, q: Sequence[float] | Vector) -> Vector:
-        """(4, 4) pose of the tool frame at joints q (6,)."""
-        return np.asarray(forward_kinematics(self.robot, np.asarray(q)), dtype=np.float64)
+        """(..., 4, 4) pose of the tool frame at joints q (..., 6)."""
+        return np.array(forward_kinematics(self.robot, np.asarray(q)), dtype=np.float64)
 
     def move(self, q: Sequence[float] | Vector) -> float:
         """Set out for joints q (6,); the moment of arrival, on the clock of `time.monotonic`."""

@@ -16,13 +16,14 @@ Vector = NDArray[np.float64]
 # Poses solved at once, so that a single program serves a pose and a line.
 _BATCH = 16
 
-# Largest change of a joint between two of the poses on a line; beyond, the arm would leave it.
-_STEP = 0.6
+# How far the arm may leave a line half-way between two of the poses on it: metres, and entries of
+# the rotation.
+_OFF, _TURNED = 5e-3, 0.05
 
 
 def joints_for(arm: SimulatedArm, pose: Vector, near: Vector) -> Vector | None:
     """Joints (6,) inside the limits for a pose (4, 4) of the tool frame, nearest to `near` (6,)."""
-    path = _chain(arm, np.repeat(pose[None], _BATCH, axis=0), near, np.inf)
+    path = _chain(arm, np.repeat(pose[None], _BATCH, axis=0), near)
     return None if path is None else path[-1]
 
 
@@ -34,7 +35,14 @@ def along_line(arm: SimulatedArm, start: Vector, pose: Vector) -> Vector | None:
     poses = np.tile(np.eye(4), (_BATCH, 1, 1))
     poses[:, :3, :3] = begin[:3, :3] @ np.asarray(so3.exp(shares * turn), dtype=np.float64)
     poses[:, :3, 3] = begin[:3, 3] + shares * (pose[:3, 3] - begin[:3, 3])
-    return _chain(arm, poses, start, _STEP)
+    path = _chain(arm, poses, start)
+    if path is None:
+        return None
+    # Where two neighbours belong to different postures, half-way between them is far from the line.
+    before = np.concatenate([begin[None], poses[:-1]])
+    halfway = arm.pose_at((np.concatenate([start[None], path[:-1]]) + path) / 2)
+    off = np.abs(halfway - (before + poses) / 2)
+    return path if np.max(off[:, :3, 3]) < _OFF and np.max(off[:, :3, :3]) < _TURNED else None
 
 
 def outside_box(arm: SimulatedArm, pose: Vector) -> str | None:
@@ -61,16 +69,15 @@ def rotation(values: Sequence[float]) -> Vector:
     return np.asarray(so3.exp(turn), dtype=np.float64)
 
 
-def _chain(arm: SimulatedArm, poses: Vector, start: Vector, step: float) -> Vector | None:
-    """For each pose the joints nearest to those before; None where one is missing or too far."""
+def _chain(arm: SimulatedArm, poses: Vector, start: Vector) -> Vector | None:
+    """For each pose the joints nearest to those before; None where one is missing."""
     solutions = inverse_kinematics(arm.robot, poses)
     path: list[Vector] = []
     near = start
     for index in range(len(poses)):
         q, ok = solutions.nearest(np.broadcast_to(near, (len(poses), 6)))
-        found = np.clip(np.asarray(q[index], dtype=np.float64), arm.lower, arm.upper)
-        if not ok[index] or np.max(np.abs(found - near)) > step:
+        if not ok[index]:
             return None
-        path.append(found)
-        near = found
+        near = np.clip(np.asarray(q[index], dtype=np.float64), arm.lower, arm.upper)
+        path.append(near)
     return np.array(path)
