@@ -22,7 +22,7 @@ _TICK = 0.02
 
 
 class RobotServer:
-    """Answers GET_JOINTS, GET_HARDWARE_STATUS and MOVE_JOINTS, which takes `move` seconds."""
+    """Knows GET_JOINTS, and MOVE_JOINTS, which takes `move` seconds."""
 
     def __init__(self, move: float) -> None:
         self.joints = [0.0, 0.3, -1.3, 0.0, 0.0, 0.0]
@@ -114,6 +114,8 @@ class RobotServer:
                 return protocol.ok("MOVE_JOINTS")
             case "GET_JOINTS", 0:
                 return protocol.ok("GET_JOINTS", self.joints)
-            case command, given:
+            case ("GET_LEARNING_MODE" | "GET_JOINTS" | "MOVE_JOINTS") as command, given:
                 words = f"0 parameters expected but {given} given\nIn function"
                 return protocol.ko(command, words)
+            case _:
+                return protocol.ko("", "Unknown command")
