@@ -67,7 +67,7 @@ def percentage(value: object) -> int:
 
 
 def model_name(value: object, known: Sequence[str]) -> str:
-    """The name of a model; of those not known, what the robot says it is.
+    """The name of a model, with or without "niryo_"; of those not known, as the robot says it.
 
     Raises:
         ArgumentRejected: no name.
@@ -76,7 +76,7 @@ def model_name(value: object, known: Sequence[str]) -> str:
         raise ArgumentRejected(
             f"model: expected the name of a model, e.g. one of {', '.join(known)}, got {value!r}"
         )
-    return value
+    return f"niryo_{value}" if f"niryo_{value}" in known else value
 
 
 def _finite(value: object) -> float | None:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
 import time
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, cast
 
 import numpy as np
 
@@ -19,13 +18,21 @@ from niryo_jax.hardware.simulated.answers import (
     of_type,
 )
 from niryo_jax.hardware.simulated.arm import SimulatedArm, Vector
+from niryo_jax.hardware.simulated.positions import (
+    POSE_KEYS,
+    POSE_METADATA,
+    joints_of,
+    pose_in_frame,
+    pose_of,
+    six,
+    waypoint,
+)
 from niryo_jax.lie.rpy import pose_from_rpy, rpy_from_pose
 
 Handlers = dict[str, tuple[tuple[int, ...], Callable[..., Sequence[object]]]]
 
 NO_PLAN = "MoveIt failed to compute the plan."
 _AXES = {name: index for index, name in enumerate(("X", "Y", "Z", "ROLL", "PITCH", "YAW"))}
-_POSE_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 # The largest jog of a joint, of a coordinate and of an angle; radians and metres.
 _JOG_JOINT, _JOG_SHIFT, _JOG_TURN = 0.3, 0.05, 0.2
@@ -69,12 +76,20 @@ class Motion:
         }
         if self._modern:
             table["MOVE"] = ((2,), self._move)
+            table["JOG"] = ((1,), self._jog)
             table["EXECUTE_TRAJECTORY"] = ((2,), self._execute)
         return table
 
     def to_pose(self, pose: Vector, *, linear: bool = False) -> Sequence[object]:
         """Move to a pose (4, 4) of the tool centre point."""
         return self._to(lambda: self._pose(self._arm.joints, pose, linear))
+
+    def pose_of(self, position: Any) -> Vector:
+        """Pose (4, 4) of a position of system 5, joints or a pose, or of six numbers."""
+        if isinstance(position, list):
+            return pose_from_rpy(six(cast("list[Any]", position)))
+        joints = joints_of(position)
+        return pose_of(position) if joints is None else self._arm.pose_at(six(joints))
 
     def through(self, stops: Sequence[Vector]) -> Sequence[object]:
         """Move to the first pose (4, 4) of several, then along straight lines to the others."""
@@ -144,16 +159,16 @@ class Motion:
         return [*pose[:3, 3].tolist(), *planning.quaternion(pose)]
 
     def _move_pose(self, *params: Any) -> Sequence[object]:
-        return self.to_pose(_pose_in_frame(params))
+        return self.to_pose(pose_in_frame(params))
 
     def _move_linear_pose(self, *params: Any) -> Sequence[object]:
-        return self.to_pose(_pose_in_frame(params), linear=True)
+        return self.to_pose(pose_in_frame(params), linear=True)
 
     def _move(self, position: Any, linear: Any) -> Sequence[object]:
         straight = choice(linear, BOOLEANS)
-        joints = _joints_of(position)
+        joints = joints_of(position)
         if joints is None:
-            return self.to_pose(_pose_of(position), linear=straight)
+            return self.to_pose(pose_of(position), linear=straight)
         if straight:
             raise ParameterRefused(
                 "The robot can only do a linear move with a pose, not with joints"
@@ -174,6 +189,12 @@ class Motion:
             return self._pose(self._arm.joints, pose_from_rpy(values), straight)
 
         return self._to(path)
+
+    def _jog(self, position: Any) -> Sequence[object]:
+        joints = joints_of(position)
+        if joints is not None:
+            return self._jog_joints(*six(joints))
+        return self._jog_pose(*(position[key] for key in POSE_KEYS))
 
     def _jog_joints(self, *params: Any) -> Sequence[object]:
         shift = np.clip(numbers(params), -_JOG_JOINT, _JOG_JOINT)
@@ -210,7 +231,7 @@ class Motion:
 
     def _execute_poses(self, poses: Any, smoothing: Any) -> Sequence[object]:
         of_type(smoothing, float)
-        return self._through([_waypoint(pose) for pose in of_type(poses, list)])
+        return self._through([waypoint(pose) for pose in of_type(poses, list)])
 
     def _execute_mixed(self, items: Any, kinds: Any, smoothing: Any) -> Sequence[object]:
         of_type(smoothing, float)
@@ -225,18 +246,14 @@ class Motion:
                 f"{len(rows)}) and list of type (size {len(joints)}) must be the same size."
             )
         stops = [
-            self._arm.pose_at(_six(row)) if is_joints else _waypoint(row)
+            self._arm.pose_at(six(row)) if is_joints else waypoint(row)
             for row, is_joints in zip(rows, joints, strict=True)
         ]
         return self._through(stops)
 
     def _execute(self, positions: Any, smoothing: Any) -> Sequence[object]:
         numbers([smoothing])
-        stops: list[Vector] = []
-        for position in of_type(positions, list):
-            joints = _joints_of(position)
-            stops.append(_pose_of(position) if joints is None else self._arm.pose_at(_six(joints)))
-        return self._through(stops)
+        return self._through([self.pose_of(position) for position in of_type(positions, list)])
 
     def _through(self, stops: Sequence[Vector]) -> Sequence[object]:
         # The robot says that it wants two points at least, and answers OK.
@@ -244,14 +261,14 @@ class Motion:
 
     def _forward_kinematics(self, *params: Any) -> Sequence[object]:
         if not self._modern:
-            values = rpy_from_pose(self._arm.pose_at(_six(params)))
+            values = rpy_from_pose(self._arm.pose_at(six(params)))
             return [[round(value, 3) for value in values]]
-        values = rpy_from_pose(self._arm.pose_at(_six(_joints_of(params[0]) or [])))
-        pose = dict(zip(_POSE_KEYS, values, strict=True))
-        return [{**pose, "metadata": {"version": 2, "frame": "", "tcp_version": 1}}]
+        values = rpy_from_pose(self._arm.pose_at(six(joints_of(params[0]) or [])))
+        pose = dict(zip(POSE_KEYS, values, strict=True))
+        return [{**pose, "metadata": POSE_METADATA}]
 
     def _inverse_kinematics(self, *params: Any) -> Sequence[object]:
-        pose = _pose_of(params[0]) if self._modern else pose_from_rpy(numbers(params))
+        pose = pose_of(params[0]) if self._modern else pose_from_rpy(numbers(params))
         q = planning.joints_for(self._arm, pose, self._arm.joints)
         if q is None:
             raise RobotRefused("Failed to perform invert kinematic")
@@ -259,53 +276,3 @@ class Motion:
             return [q.tolist()]
         position = {f"joint_{i}": angle for i, angle in enumerate(q.tolist())}
         return [{**position, "metadata": {"version": 1}}]
-
-
-def _pose_in_frame(params: Sequence[Any]) -> Vector:
-    *values, frame = params
-    pose = pose_from_rpy(numbers(values))
-    if frame:
-        raise RobotRefused(f"Frame {str(frame)[:80]} does not exist")
-    return pose
-
-
-def _joints_of(position: Any) -> list[float] | None:
-    """The joints of a position of system 5; None where it is a pose."""
-    fields = _fields(position)
-    if fields.get("obj_type") == "POSE" or "x" in fields:
-        return None
-    return numbers([value for key, value in fields.items() if re.fullmatch(r"joint_\d", str(key))])
-
-
-def _pose_of(position: Any) -> Vector:
-    fields = _fields(position)
-    return pose_from_rpy(numbers([fields[key] for key in _POSE_KEYS]))
-
-
-def _fields(position: Any) -> Mapping[str, Any]:
-    if not isinstance(position, Mapping):
-        raise RobotRefused(f"{type(position).__name__!r} object has no attribute 'pop'")
-    return position
-
-
-def _waypoint(values: Any) -> Vector:
-    """A pose (4, 4) from x, y, z and roll, pitch, yaw or a quaternion."""
-    row = _checked_row(values)
-    if len(row) == 6:
-        return pose_from_rpy(row)
-    pose = pose_from_rpy([*row[:3], 0.0, 0.0, 0.0])
-    pose[:3, :3] = planning.rotation(row[3:])
-    return pose
-
-
-def _checked_row(values: Any) -> list[float]:
-    row = of_type(values, list)
-    if len(row) not in (6, 7):
-        raise ParameterRefused(f"7 or 6 parameters expected, given: {len(row)}")
-    return numbers(row)
-
-
-def _six(values: Sequence[Any]) -> list[float]:
-    if len(values) != 6:
-        raise RobotRefused(f"Joint array must have 6 joints, got {len(values)}")
-    return numbers(values)

@@ -12,7 +12,6 @@ import contextlib
 import queue
 import socket
 import threading
-from collections.abc import Callable
 
 from niryo_jax.hardware import protocol
 from niryo_jax.hardware.faults import Fault, FaultKind, FaultPlan
@@ -161,7 +160,10 @@ class Server:
         with self._client_lock:
             client = self._client
         if client is not None:
-            _in_time(client, lambda sender: sender.sendall(frame))
+            # A handle of its own, whose time limit is not that of the reading thread.
+            with contextlib.suppress(OSError), client.dup() as sender:
+                sender.settimeout(_SEND)
+                sender.sendall(frame)
 
     def _drop(self) -> None:
         self._dropping = False
@@ -186,13 +188,6 @@ class Server:
     def _check_open(self) -> None:
         if self._closing.is_set():
             raise ConnectionAbortedError("the simulator is closing")
-
-
-def _in_time(client: socket.socket, send: Callable[[socket.socket], None]) -> None:
-    """Send by a handle of its own, whose time limit is not that of the reading thread."""
-    with contextlib.suppress(OSError), client.dup() as sender:
-        sender.settimeout(_SEND)
-        send(sender)
 
 
 def _spoiled(frame: bytes, fault: Fault) -> bytes:

@@ -7,12 +7,12 @@ from typing import Any
 
 from niryo_jax.hardware.simulated.answers import RobotRefused, choice, numbers, of_type
 from niryo_jax.hardware.simulated.motion import Handlers
+from niryo_jax.hardware.simulated.positions import POSE_KEYS, POSE_METADATA
 
 _OUTPUT, _INPUT = 0, 1
 _MODES = {"OUTPUT": _OUTPUT, "INPUT": _INPUT}
 _STATES = {"HIGH": 1, "LOW": 0}
 _CONVEYORS = {"ID_1": -1, "ID_2": -2}
-_POSE_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 class Storage:
@@ -63,11 +63,11 @@ class Storage:
         if pose is None:
             raise RobotRefused(f"Error Code : -300\nMessage : Position {name[:80]} does not exist")
         if self._modern:
-            return [{**dict(zip(_POSE_KEYS, pose, strict=True)), "metadata": {"version": 1}}]
+            return [{**dict(zip(POSE_KEYS, pose, strict=True)), "metadata": POSE_METADATA}]
         return pose
 
     def _save(self, name: Any, *params: Any) -> Sequence[object]:
-        values = [params[0][key] for key in _POSE_KEYS] if len(params) == 1 else params
+        values = [params[0][key] for key in POSE_KEYS] if len(params) == 1 else params
         self._poses[of_type(name, str)] = numbers(values)
         return ()
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from niryo_jax.hardware.simulated.answers import (
     BOOLEANS,
-    ParameterRefused,
     RobotRefused,
     choice,
     numbers,
@@ -34,7 +33,7 @@ class Tools:
     def handlers(self) -> Handlers:
         """Names of commands, how many parameters they take, and what they do."""
         close, open_ = self._arm.grasp, self._arm.release
-        return {
+        table: Handlers = {
             "UPDATE_TOOL": ((0,), self._update),
             "GET_CURRENT_TOOL_ID": ((0,), lambda: [self._arm.tool.upper()]),
             "GRASP_WITH_TOOL": ((0,), lambda: self._with_tool(close)),
@@ -54,6 +53,10 @@ class Tools:
             "PLACE_FROM_POSE": ((6,), lambda *p: self._place(pose_from_rpy(numbers(p)))),
             "PICK_AND_PLACE": ((3,), self._pick_and_place),
         }
+        if self._modern:
+            table["PICK"] = ((1,), lambda position: self._pick(self._motion.pose_of(position)))
+            table["PLACE"] = ((1,), lambda position: self._place(self._motion.pose_of(position)))
+        return table
 
     def _update(self) -> Sequence[object]:
         self._arm.detect_tool()
@@ -126,7 +129,7 @@ class Tools:
 
     def _pick_and_place(self, pick: Any, place: Any, smoothing: Any) -> Sequence[object]:
         of_type(smoothing, float)
-        taken, put = (pose_from_rpy(_six(of_type(pose, list))) for pose in (pick, place))
+        taken, put = self._motion.pose_of(pick), self._motion.pose_of(place)
         self._with_tool(self._arm.release)
         self._motion.through([_above(taken), taken])
         self._with_tool(self._arm.grasp)
@@ -139,9 +142,3 @@ def _above(pose: Vector) -> Vector:
     raised = pose.copy()
     raised[2, 3] += _ABOVE
     return np.asarray(raised)
-
-
-def _six(values: Sequence[Any]) -> list[float]:
-    if len(values) != 6:
-        raise ParameterRefused(f"6 parameters expected, given: {len(values)}")
-    return numbers(values)
