@@ -11,6 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import warnings
@@ -48,6 +49,12 @@ needs_pyniryo = pytest.mark.skipif(
 ROBOT = robots.niryo_one()
 TARGET = np.array([0.2, -0.3, 0.1, 0.0, 0.5, -0.8])
 FAST = 1000.0
+
+
+@pytest.fixture(autouse=True)
+def notes(tmp_path, monkeypatch):
+    """A folder for the notes about unanswered requests."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
 
 
 def arm_at(address: str, *, timeout: float = 5.0, **options) -> NiryoArm:

@@ -8,6 +8,7 @@ import importlib.util
 import itertools
 import re
 import socket
+import tempfile
 import threading
 import time
 
@@ -46,6 +47,13 @@ ROBOT = robots.niryo_one()
 TARGET = np.array([0.2, -0.3, 0.1, 0.0, 0.5, -0.8])
 FAST = 1000.0
 VERSIONS = ("4.1.1", "5.6.3")
+
+
+@pytest.fixture(autouse=True)
+def notes(tmp_path, monkeypatch):
+    """The folder of the notes about unanswered requests."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path
 
 
 def arm_at(address: str, **options) -> NiryoArm:
@@ -387,3 +395,51 @@ def test_pieces_lie_on_the_straight_way_and_end_at_the_target():
         sent = np.array([r.params for r in sim.received if r.command == "MOVE_JOINTS"])
         assert len(sent) == 8, "0.8 rad at 2 rad/s are 0.4 s"
         np.testing.assert_allclose(sent, np.arange(1, 9)[:, None] / 8 * TARGET, atol=1e-12)
+
+
+# --- what is remembered from one program to the next
+
+
+def test_an_unanswered_request_is_noted_until_the_robot_answers_again(notes):
+    with SimulatedNiryo(time_scale=FAST) as sim:
+        with arm_at(sim.address, timeout=0.2) as arm:
+            arm.joints()
+            assert not list(notes.iterdir())
+            sim.inject(Fault(FaultKind.SILENT, "GET_POSE"))
+            with pytest.raises(CallTimeout):
+                arm.pose()
+        assert len(list(notes.iterdir())) == 1
+        with arm_at(sim.address) as arm:
+            arm.joints()
+        assert not list(notes.iterdir())
+
+
+def test_one_connection_is_made_where_nothing_was_left_unanswered(notes):
+    accepted = []
+    listener = socket.create_server(("127.0.0.1", 0))
+
+    def serve() -> None:
+        client = listener.accept()[0]
+        accepted.append(client)
+        with contextlib.suppress(OSError), client:
+            while head := client.recv(2, socket.MSG_WAITALL):
+                body = client.recv(int.from_bytes(head, "little"), socket.MSG_WAITALL)
+                request = protocol.parse_request(body)
+                client.sendall(protocol.encode_frame(protocol.ok(request.command, [0.1] * 6)))
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    with arm_at("{}:{}".format(*listener.getsockname())) as arm:
+        np.testing.assert_array_equal(arm.joints(), [0.1] * 6)
+    thread.join()
+    listener.close()
+    assert len(accepted) == 1
+
+
+def test_notes_cannot_be_written_and_nothing_depends_on_them(notes, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(notes / "missing"))
+    with SimulatedNiryo(time_scale=1.0) as sim:
+        sim.arm.calibrated = True
+        leave_in_a_move(sim.address)
+        with arm_at(sim.address) as again:
+            np.testing.assert_allclose(again.joints(), TARGET)

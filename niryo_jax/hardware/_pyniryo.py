@@ -114,7 +114,7 @@ class PyniryoClient:
 
     Args:
         host, port: where the robot's server listens.
-        connect_timeout: seconds for the connection, and again for the server to serve it.
+        connect_timeout: seconds for the connection, and again for its first answer.
         timeout: seconds for each answer.
         model: what the robot must say it is, as `robots.MODELS` has it; anything where None.
 

@@ -59,10 +59,10 @@ class NiryoArm(ArmLink):
         port: port of the robot's server, where `host` names none; 40001 where not given.
         model: name of the model that may answer, e.g. "niryo_ned2", where it is not that of
             `robot`. A robot of another name than those of `robots.MODELS` is checked only so.
-        connect_timeout: seconds for the connection, and again for the robot to serve it. A host
-            name is looked up before, in the operating system's own time.
-        timeout: seconds for an answer, in addition to the duration of a move; and, on connecting,
-            for the arm to finish a move of an earlier program.
+        connect_timeout: seconds for the connection, and again for its first answer. A host name
+            is looked up before, in the operating system's own time.
+        timeout: seconds for an answer, in addition to the duration of a move; and for the first
+            answer, where an earlier program has left the robot in a move.
         calibration_timeout: seconds for a calibration.
         tolerance: radians by which a joint may miss its target. A few steps of the small servos of
             the Niryo One (5e-3 rad each), far above what the robot rounds away (5e-4 rad).

@@ -4,11 +4,11 @@ The server carries out one command after the other, and sends each answer to who
 then: a program that connects while the move of an earlier one is under way gets that move's answer.
 It wedges, until it is restarted, where three requests wait behind one command. Hence:
 
-- Nothing is sent before the server is seen to serve. A *knock*, a connection closed for writing at
-  once, is closed by a server that is free to read; one that is given up leaves nothing behind, so
-  that of all attempts made during a move a single request can wait.
 - The first request is one whose answer names a number of our choice. Answers before it are dropped.
 - From then on each answer must name the command that was asked.
+- Where a request was left unanswered, nothing is sent before the server is seen to serve. A
+  *knock*, a connection closed for writing at once, is closed by a server that is free to read, and
+  leaves nothing behind where it is given up: of all attempts during a move one request waits.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import random
 import re
 from typing import Any
 
-from niryo_jax.hardware import protocol
+from niryo_jax.hardware import abandoned, protocol
 from niryo_jax.hardware.bounded_socket import BoundedSocket
 from niryo_jax.hardware.errors import (
     CallTimeout,
@@ -44,8 +44,8 @@ class Connection:
 
     Args:
         host, port: where the robot's server listens.
-        timeout: seconds for the connection, and again for the server to serve it.
-        busy_timeout: seconds for the arm to finish a move of an earlier program.
+        timeout: seconds for the connection, and again for its first answer.
+        busy_timeout: seconds for the first answer where a request was left unanswered.
 
     Raises, on construction:
         ConnectionFailed, RobotBusy, NotANiryo: see `niryo_jax.hardware.errors`.
@@ -54,23 +54,15 @@ class Connection:
     def __init__(self, host: str, port: int, timeout: float, busy_timeout: float) -> None:
         self._expected = ""
         self._rest = b""
-        with contextlib.closing(BoundedSocket(host, port, timeout)) as knock:
-            knock.end_writing()
-            wait = min(timeout / 2, _KNOCK)
-            served = _is_closed(knock, wait)
-            self._socket = BoundedSocket(host, port, timeout)
-            try:
-                if not (served or _is_closed(knock, timeout - wait)):
-                    raise RobotBusy(
-                        f"{knock.address} accepted the connection and serves nobody new within "
-                        f"{timeout:g} s: a Niryo serves one program at a time; close the other "
-                        "program (Niryo Studio included); or the arm is finishing a move of an "
-                        "earlier program, then wait; or check that this is the robot"
-                    )
-                self._synchronise(busy_timeout)
-            except BaseException:
-                self.close()
-                raise
+        self._unanswered = False
+        careful = abandoned.noted(f"{host}:{port}")
+        self._socket = (_open_after_knock if careful else BoundedSocket)(host, port, timeout)
+        try:
+            self._synchronise(busy_timeout if careful else timeout, served=careful)
+        except BaseException:
+            self.close()
+            raise
+        abandoned.forget(self.address)
 
     @property
     def address(self) -> str:
@@ -85,6 +77,7 @@ class Connection:
         """Send one frame, a request, and note which command is to be answered."""
         self._expected = str(json.loads(data[2:])["command"])
         self._rest = b""
+        self._unanswered = True
         self._socket.write(data)
         return len(data)
 
@@ -99,6 +92,7 @@ class Connection:
             while answer.command != self._expected and (answer.ok or answer.command):
                 body, answer = _next_answer(self._socket)
             self._rest = len(body).to_bytes(2, "little") + body
+            self._unanswered = False
         part, self._rest = self._rest[:size], self._rest[size:]
         return part
 
@@ -120,9 +114,11 @@ class Connection:
 
     def close(self) -> None:
         """Close the connection; again is allowed, and from another thread."""
+        if self._unanswered:
+            abandoned.note(self.address)
         self._socket.close()
 
-    def _synchronise(self, timeout: float) -> None:
+    def _synchronise(self, timeout: float, *, served: bool) -> None:
         """See that a Niryo answers us, and drop what it answers to others."""
         count = random.choice(_COUNTS)
         self._socket.begin("connect", timeout)
@@ -133,14 +129,17 @@ class Connection:
         except CallTimeout:
             if self._socket.received:
                 raise _stranger(self._socket, "began an answer and never ended it") from None
-            raise RobotBusy(
-                f"{self.address} serves, and answered nothing within {timeout:g} s: the arm is "
-                "finishing a move of an earlier program; wait for its end and connect again (or "
-                "check that this is the robot)"
-            ) from None
+            if served:
+                raise RobotBusy(
+                    f"{self.address} serves, and answered nothing within {timeout:g} s: the arm is "
+                    "finishing a move of an earlier program; wait for its end and connect again "
+                    "(or check that this is the robot)"
+                ) from None
+            raise _busy(self.address, timeout) from None
         except ConnectionLost:
             words = "closed the connection without a whole answer"
             raise _stranger(self._socket, words) from None
+        self._unanswered = False
 
 
 def refusal(call: str, message: str) -> CommandRefused:
@@ -148,6 +147,30 @@ def refusal(call: str, message: str) -> CommandRefused:
     words = message.removeprefix("An error occured while executing the last command : ")
     reason = " ".join(words.partition("\nNo handshake has been made")[0].split())
     return CommandRefused(f"the robot refused {call}: {reason}", reason)
+
+
+def _open_after_knock(host: str, port: int, timeout: float) -> BoundedSocket:
+    """A connection to a server that has been seen to serve."""
+    with contextlib.closing(BoundedSocket(host, port, timeout)) as knock:
+        knock.end_writing()
+        wait = min(timeout / 2, _KNOCK)
+        served = _is_closed(knock, wait)
+        connection = BoundedSocket(host, port, timeout)
+        try:
+            if not (served or _is_closed(knock, timeout - wait)):
+                raise _busy(knock.address, timeout)
+        except BaseException:
+            connection.close()
+            raise
+        return connection
+
+
+def _busy(address: str, timeout: float) -> RobotBusy:
+    return RobotBusy(
+        f"{address} accepted the connection and answered nothing within {timeout:g} s: a Niryo "
+        "serves one program at a time, so close the other program (Niryo Studio included); or the "
+        "arm is finishing a move of an earlier program, so wait for its end; or this is no robot"
+    )
 
 
 def _is_closed(knock: BoundedSocket, seconds: float) -> bool:
