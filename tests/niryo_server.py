@@ -22,12 +22,17 @@ _TICK = 0.02
 
 
 class RobotServer:
-    """Knows GET_JOINTS, and MOVE_JOINTS, which takes `move` seconds."""
+    """Knows GET_JOINTS, and MOVE_JOINTS, which takes `move` seconds.
 
-    def __init__(self, move: float) -> None:
+    The reading thread may be ahead of the working one by `head_start` seconds, so that what may
+    wait behind a command does.
+    """
+
+    def __init__(self, move: float, head_start: float = 0.0) -> None:
         self.joints = [0.0, 0.3, -1.3, 0.0, 0.0, 0.0]
         self.wedged = False
         self._move = move
+        self._head_start = head_start
         self._client: socket.socket | None = None
         self._lock = threading.Lock()
         self._queue: queue.Queue[Request] = queue.Queue(1)
@@ -58,6 +63,7 @@ class RobotServer:
                 continue
             if self._client is None:
                 self._client = self._listener.accept()[0]
+                self._client.settimeout(5.0)
                 continue
             request = self._request(self._client)
             if request is None:
@@ -96,8 +102,7 @@ class RobotServer:
         while not self._ending.is_set():
             with contextlib.suppress(queue.Empty):
                 request = self._queue.get(timeout=_TICK)
-                # The reading thread is the faster one: what may wait behind a command, does.
-                time.sleep(_TICK)
+                time.sleep(self._head_start)
                 if self._locked():
                     answer = self._answer(request)
                     client = self._client

@@ -91,12 +91,14 @@ def test_a_move_of_an_earlier_program_that_lasts_longer_is_named():
 
 
 def test_attempts_during_a_move_leave_one_request_behind_at_most_and_never_wedge_the_server():
-    with RobotServer(move=3.0) as server:
+    with RobotServer(move=4.0) as server:
         leave_in_a_move(server.address)
         for _ in range(5):
             with pytest.raises(ConnectionFailed, match="earlier program"):
                 arm_at(server.address, connect_timeout=0.1, timeout=0.1).connect()
+        deadline = time.monotonic() + 20.0
         while not np.array_equal(server.joints, TARGET):
+            assert time.monotonic() < deadline
             time.sleep(0.01)
         with arm_at(server.address) as arm:
             np.testing.assert_array_equal(arm.joints(), TARGET)
@@ -104,13 +106,13 @@ def test_attempts_during_a_move_leave_one_request_behind_at_most_and_never_wedge
 
 
 def test_the_stand_in_wedges_where_each_attempt_leaves_a_request_behind():
-    with RobotServer(move=0.5) as server, contextlib.ExitStack() as stack:
+    with RobotServer(move=1.0, head_start=1.0) as server, contextlib.ExitStack() as stack:
         name, port = server.address.split(":")
-        for command, params in [("MOVE_JOINTS", TARGET.tolist()), *[("GET_JOINTS", [])] * 4]:
-            client = stack.enter_context(socket.create_connection((name, int(port))))
+        for command, params in [("MOVE_JOINTS", TARGET.tolist()), *[("GET_JOINTS", [])] * 3]:
+            client = stack.enter_context(socket.create_connection((name, int(port)), 5.0))
             client.sendall(protocol.encode_frame(protocol.request(command, *params)))
             client.close()
-        deadline = time.monotonic() + 5.0
+        deadline = time.monotonic() + 20.0
         while not server.wedged and time.monotonic() < deadline:
             time.sleep(0.05)
         assert server.wedged
