@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import random
 import socket
 
 import numpy as np
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from niryo_jax.hardware import SimulatedNiryo, protocol
 
-EXAMPLES, FRAMES = 100, 50
+EXAMPLES, DRAWN, VARIANTS = 100, 10, 5
 
 numbers = st.one_of(
     st.integers(),
@@ -70,6 +71,20 @@ def bodies(draw, names: list[str]) -> bytes:
     return draw(st.binary(max_size=200))
 
 
+def variants(body: bytes, rng: random.Random) -> list[bytes]:
+    """Frames of a body as it is, and with a few of its bytes changed, left out or doubled."""
+    frames = []
+    for count in range(VARIANTS):
+        changed = bytearray(body[:60000])
+        for _ in range(count if changed else 0):
+            place = rng.randrange(len(changed) or 1)
+            changed[place : place + rng.choice((0, 1, 1, 2))] = rng.choice(
+                (b"", bytes([rng.randrange(256)]), rng.choice((b"9", b"[", b"]", b"'", b",", b"-")))
+            )
+        frames.append(len(changed).to_bytes(2, "little") + bytes(changed))
+    return frames
+
+
 def send(sim: SimulatedNiryo, frames: list[bytes]) -> None:
     """Send frames, each once the one before was answered; a closed connection is opened again."""
     client = None
@@ -117,11 +132,9 @@ def test_a_good_client_is_served_after_any_frames(version):
         )
         @given(st.data())
         def run(data) -> None:
-            frames = [
-                len(body := data.draw(bodies(names))[:60000]).to_bytes(2, "little") + body
-                for _ in range(FRAMES)
-            ]
-            send(sim, frames)
+            rng = random.Random(data.draw(st.integers(0, 2**32)))
+            for body in data.draw(st.lists(bodies(names), min_size=DRAWN, max_size=DRAWN)):
+                send(sim, variants(body, rng))
             is_well(sim)
 
         run()
