@@ -308,12 +308,18 @@ def test_the_other_arms_have_a_plan_inside_their_limits(as_json, name):
             np.testing.assert_allclose(reached, step["target_pose"], atol=1e-8)
 
 
-def test_an_address_that_is_none_is_named_before_anything_is_solved(cli, monkeypatch):
+@needs_pyniryo
+@pytest.mark.filterwarnings("ignore:pyniryo .* is made for:UserWarning")
+def test_an_address_where_no_robot_is_is_named_before_anything_is_solved(cli, monkeypatch):
     monkeypatch.setattr("niryo_jax.cli.pick_and_place.plan", None)
     for host in ("", "robot:", "robot:http", "robot:70000"):
         code, _, err = cli("pick-and-place", "--host", host)
         assert code == 2
         assert "host: expected" in err
+    for host, words in (("127.0.0.1:1", "refused"), ("no-such-host.invalid", "cannot be reached")):
+        code, _, err = cli("pick-and-place", "--host", host)
+        assert code == 4
+        assert words in err
 
 
 @needs_pyniryo

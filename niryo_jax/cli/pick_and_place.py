@@ -58,11 +58,13 @@ def pick_and_place(
     if tool not in robot.model.tools:
         known = ", ".join(robot.model.tools)
         raise typer.BadParameter(f"--tool: {robot.value} has {known}; got {tool!r}")
-    if not dry_run:
-        pyniryo_version()  # That it is missing should not be told after seconds of compiling.
     arm_model = robot.model.robot()
-    if host is not None:
-        NiryoArm(host, robot=arm_model)  # So should an address that is none.
+    if not dry_run:
+        # What is missing, or not there, should not be told after seconds of compiling.
+        pyniryo_version()
+        if host is not None:
+            with NiryoArm(host, robot=arm_model):
+                pass
     with busy("Solving the five poses in one batch"):
         planned = plan(arm_model, steps_for(arm_model), percent=speed)
     note_rounding(max(step.pose_distance or 0.0 for step in planned.steps))
