@@ -186,8 +186,9 @@ def test_the_wrong_arm_is_refused_and_nothing_moves(there, ours):
 
 def test_the_model_that_may_answer_can_be_named():
     with SimulatedNiryo(MODELS["niryo_ned2"]) as sim:
-        with arm_at(sim.address, model="niryo_ned2") as arm:
-            arm.joints()
+        for name in ("niryo_ned2", "ned2"):
+            with arm_at(sim.address, model=name) as arm:
+                arm.joints()
         fitted = dataclasses.replace(ROBOT, name="my arm, calibrated")
         with NiryoArm(sim.address, robot=fitted) as arm:
             arm.joints()

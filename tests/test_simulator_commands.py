@@ -377,6 +377,25 @@ def test_system_5_answers_ok_to_whatever_lies_behind_its_server_and_does_nothing
         np.testing.assert_allclose(sim.arm.joints, 0.1)
 
 
+def test_pick_place_and_jog_of_system_5_take_joints_and_poses():
+    with SimulatedNiryo(time_scale=1e4, version="5.6.3") as sim, Raw(sim) as client:
+        sim.arm.calibrated = True
+        client.value("UPDATE_TOOL")
+        client.value("ENABLE_TCP", "FALSE")
+        keys = ("x", "y", "z", "roll", "pitch", "yaw")
+        pick = dict(zip(keys, (0.148, -0.148, 0.088, 0.0, np.pi / 2, 0.0), strict=True))
+        place = np.deg2rad((45, -46.8656, -34.8624, 0, -8.2720, 45))
+        sim.place_object((0.148, -0.148, 0.0))
+        client.value("PICK", {**pick, "obj_type": "POSE"})
+        assert sim.arm.holding
+        joints = {f"joint_{i}": float(angle) for i, angle in enumerate(place)}
+        client.value("PLACE", {**joints, "obj_type": "JOINTS"})
+        np.testing.assert_allclose(sim.object_position, (0.148, 0.148, 0.0), atol=1e-5)
+        before = sim.arm.joints
+        client.value("JOG", {f"joint_{i}": 0.01 for i in range(6)} | {"obj_type": "JOINTS"})
+        np.testing.assert_allclose(client.value("GET_JOINTS"), before + 0.01, atol=1e-9)
+
+
 def test_booleans_come_as_the_robot_writes_them(raw):
     assert raw.value("SET_LEARNING_MODE", "TRUE") == [[1, ""]]
     assert raw.value("GET_LEARNING_MODE") == ["True"]
