@@ -18,7 +18,8 @@ pytest.importorskip("rich")
 
 import niryo_jax as nj
 from niryo_jax.hardware import Fault, FaultKind, SimulatedNiryo
-from niryo_jax.hardware.pick_and_place import OBJECT_END
+from niryo_jax.hardware.pick_and_place import OBJECT_END, TABLE_2_1
+from niryo_jax.robots import MODELS
 
 needs_pyniryo = pytest.mark.skipif(
     importlib.util.find_spec("pyniryo") is None, reason="pyniryo is not installed"
@@ -298,10 +299,39 @@ def test_dry_run_prints_the_plan_and_needs_no_pyniryo(as_json, cli, monkeypatch)
     assert "7.9e-04" in err
 
 
-def test_an_arm_that_cannot_do_it_ends_with_3(cli):
+def test_a_pose_out_of_reach_ends_with_3(cli, monkeypatch):
+    # As printed, the start is that of the Niryo One, outside the limits of the other arms.
+    monkeypatch.setattr("niryo_jax.cli.pick_and_place.steps_for", lambda _: TABLE_2_1)
     code, _, err = cli("pick-and-place", "--dry-run", "--robot", "niryo_ned2")
     assert code == 3
     assert err.startswith("error: step 1 (Starting position) of niryo_ned2: The pose can be")
+
+
+@pytest.mark.parametrize("name", ["niryo_ned", "niryo_ned2"])
+def test_the_other_arms_have_a_plan_inside_their_limits(as_json, name):
+    code, document = as_json("pick-and-place", "--dry-run", "--robot", name)
+    assert (code, document["robot"]) == (0, name)
+    robot = nj.robots.load(name)
+    for step in document["steps"]:
+        if step["action"] == "move":
+            q = np.array(step["joints_sent_rad"])
+            assert np.all((robot.lower <= q) & (q <= robot.upper))
+            reached = np.asarray(nj.forward_kinematics(robot, q))
+            np.testing.assert_allclose(reached, step["target_pose"], atol=1e-8)
+
+
+@needs_pyniryo
+@pytest.mark.filterwarnings("ignore:pyniryo .* is made for:UserWarning")
+def test_an_address_where_no_robot_is_is_named_before_anything_is_solved(cli, monkeypatch):
+    monkeypatch.setattr("niryo_jax.cli.pick_and_place.plan", None)
+    for host in ("", "robot:", "robot:http", "robot:70000"):
+        code, _, err = cli("pick-and-place", "--host", host)
+        assert code == 2
+        assert "host: expected" in err
+    for host, words in (("127.0.0.1:1", "refused"), ("no-such-host.invalid", "cannot be reached")):
+        code, _, err = cli("pick-and-place", "--host", host)
+        assert code == 4
+        assert words in err
 
 
 @needs_pyniryo
@@ -340,6 +370,40 @@ class TestPickAndPlace:
         assert code == 4
         assert "Approach above" in out
         assert err.endswith("error: the robot refused move_joints: Collision\n")
+
+    def test_another_arm_than_that_of_the_plan_ends_with_4_and_nothing_moves(self, cli):
+        with SimulatedNiryo(MODELS["niryo_ned2"], time_scale=50.0) as simulated:
+            code, out, err = cli("pick-and-place", "--host", simulated.address)
+            assert (code, out) == (4, "")
+            assert "is a niryo_ned2; expected a niryo_one" in err
+            assert not np.any(simulated.arm.joints)
+            options = ("--host", simulated.address, "--robot", "niryo_ned2")
+            code, _, err = cli("pick-and-place", *options)
+            assert code == 0, err
+
+    @pytest.mark.parametrize("as_document", [False, True])
+    def test_ctrl_c_says_what_was_done_and_ends_with_130(self, as_document):
+        options = ["--json"] if as_document else []
+        with start("pick-and-place", *options, stderr=subprocess.PIPE) as process:
+            assert process.stdout is not None
+            assert process.stderr is not None
+            for line in process.stderr:
+                if " 2/10" in line:
+                    process.send_signal(signal.SIGINT)
+                    break
+            out, err = process.communicate(timeout=60)
+        assert process.returncode == 130
+        words = "interrupted after 2 of 10 steps"
+        if as_document:
+            document = json.loads(out)
+            assert document["error"].startswith(words)
+            assert document["exit_code"] == 130
+            assert document["steps_done"] == 2
+            assert "joints_read_rad" in document["steps"][1]
+            assert "joints_read_rad" not in document["steps"][2]
+        else:
+            assert "Approach above" in out
+            assert f"error: {words}" in err
 
     def test_nobody_there_ends_with_4(self, cli):
         code, out, err = cli("pick-and-place", "--host", "127.0.0.1:1")

@@ -11,6 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import warnings
@@ -50,6 +51,12 @@ TARGET = np.array([0.2, -0.3, 0.1, 0.0, 0.5, -0.8])
 FAST = 1000.0
 
 
+@pytest.fixture(autouse=True)
+def notes(tmp_path, monkeypatch):
+    """A folder for the notes about unanswered requests."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+
+
 def arm_at(address: str, *, timeout: float = 5.0, **options) -> NiryoArm:
     return NiryoArm(address, robot=ROBOT, timeout=timeout, **{"settle": 0.0, **options})
 
@@ -76,17 +83,21 @@ def arm(sim):
 
 @contextlib.contextmanager
 def impostor(reply: bytes | None, *, close: bool):
-    """Address of a server that sends `reply` to the first bytes it gets (None: at once none)."""
+    """Address of a server that sends `reply` to the first bytes of each (None: at once none)."""
     listener = socket.create_server(("127.0.0.1", 0))
+    listener.settimeout(0.05)
     done = threading.Event()
 
     def serve() -> None:
-        with contextlib.suppress(OSError), listener.accept()[0] as connection:
-            if reply is not None:
-                connection.recv(1024)
-                connection.sendall(reply)
-            if not close:
-                done.wait()
+        with contextlib.ExitStack() as open_ones:
+            while not done.is_set():
+                with contextlib.suppress(OSError):
+                    connection = open_ones.enter_context(listener.accept()[0])
+                    if reply is not None:
+                        connection.recv(1024)
+                        connection.sendall(reply)
+                    if close:
+                        connection.close()
 
     thread = threading.Thread(target=serve)
     thread.start()
@@ -168,7 +179,7 @@ assert "cv2" not in sys.modules
 def test_pyniryo_for_other_robots_warns(monkeypatch, version, warned):
     monkeypatch.setattr(importlib.metadata, "version", lambda _: version)
     assert ("niryo_one" in pyniryo_version().fits) is not warned
-    monkeypatch.setattr("niryo_jax.hardware.arm.PyniryoClient", lambda *_: None)
+    monkeypatch.setattr("niryo_jax.hardware.link.PyniryoClient", lambda *_: None)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         arm_at("127.0.0.1").connect()

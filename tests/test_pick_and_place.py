@@ -13,6 +13,7 @@ from support import DATA
 import niryo_jax as nj
 from niryo_jax.hardware import Fault, FaultKind, MotionNotReached, NiryoArm, SimulatedNiryo
 from niryo_jax.hardware.pick_and_place import (
+    AT_REST,
     OBJECT_END,
     OBJECT_START,
     TABLE_2_1,
@@ -21,6 +22,7 @@ from niryo_jax.hardware.pick_and_place import (
     StepUnsolvable,
     execute,
     plan,
+    steps_for,
 )
 
 # The joint vectors inside the limits, degrees, as published; steps 4 and 8 do not move.
@@ -66,6 +68,24 @@ def test_the_table_has_ten_steps_and_five_distinct_poses():
     assert len({step.pose.tobytes() for step in TABLE_2_1 if step.pose is not None}) == 5
     assert [step.action for step in TABLE_2_1].count("move") == 8
     assert {step.percent for step in TABLE_2_1} == {30, 70}
+
+
+@pytest.mark.parametrize("name", ["niryo_ned", "niryo_ned2"])
+def test_other_arms_start_from_their_own_rest_and_do_the_rest_of_the_table(name):
+    robot = nj.robots.load(name)
+    steps = steps_for(robot)
+    assert steps[1:9] == TABLE_2_1[1:9]
+    rest = np.asarray(nj.forward_kinematics(robot, np.array(AT_REST)))
+    for step in (steps[0], steps[9]):
+        np.testing.assert_allclose(step.pose, rest, rtol=0, atol=1e-15)
+    solved = plan(robot, steps).steps
+    np.testing.assert_allclose(solved[0].joints, AT_REST, atol=1e-8)
+    with pytest.raises(StepUnsolvable, match=rf"step 1 \(Starting position\) of {name}"):
+        plan(robot)
+
+
+def test_the_steps_of_the_niryo_one_are_those_of_the_table():
+    assert steps_for(nj.robots.niryo_one()) is TABLE_2_1
 
 
 def test_exact_poses_have_the_published_solutions():

@@ -10,17 +10,19 @@ import typer
 from niryo_jax.cli.choice import ArmOption, BaseOption, TipOption, load_arm
 from niryo_jax.cli.console import busy, note_rounding, show_lines, show_table, stderr
 from niryo_jax.cli.options import JsonOption
-from niryo_jax.cli.outcome import Failure, as_failure, print_json
+from niryo_jax.cli.outcome import ExitCode, Failure, as_failure, print_json
 from niryo_jax.cli.progress import StepProgress
 from niryo_jax.cli.tables import millimetres, plan_table, records_table
 from niryo_jax.hardware import NiryoArm, NiryoError, SimulatedNiryo, pyniryo_version
 from niryo_jax.hardware.pick_and_place import (
     OBJECT_START,
+    TABLE_2_1,
     Plan,
     PlannedStep,
     StepRecord,
     execute,
     plan,
+    steps_for,
 )
 from niryo_jax.robots import MODELS
 
@@ -53,7 +55,8 @@ def pick_and_place(
 ) -> None:
     """Solve the ten-step pick-and-place of the paper's Table 2.1 and let a robot execute it.
 
-    Without --host a simulated robot does it, driven by pyniryo over the robot's own protocol.
+    Without --host a simulated robot does it, driven by pyniryo over the robot's own protocol. A Ned
+    or a Ned2 starts from its own pose at rest.
     """
     if time_scale is not None and (host is not None or dry_run):
         raise typer.BadParameter("--time-scale is for the simulated robot, when it moves")
@@ -68,9 +71,13 @@ def pick_and_place(
         known = ", ".join(model.tools)
         raise typer.BadParameter(f"--tool: {robot} has {known}; got {tool!r}")
     if not dry_run:
-        pyniryo_version()  # That it is missing should not be told after seconds of compiling.
+        # What is missing, or not there, should not be told after seconds of compiling.
+        pyniryo_version()
+        if host is not None:
+            with NiryoArm(host, robot=arm):
+                pass
     with busy("Solving the five poses in one batch"):
-        planned = plan(arm, percent=speed)
+        planned = plan(arm, TABLE_2_1 if model is None else steps_for(arm), percent=speed)
     note_rounding(max(step.pose_distance or 0.0 for step in planned.steps))
     if dry_run:
         if as_json:
@@ -105,6 +112,12 @@ def _run(
                 execute(planned, arm, progress.advance)
     except NiryoError as error:
         failure = as_failure(error)
+    except KeyboardInterrupt:
+        failure = Failure(
+            f"interrupted after {len(progress.records)} of {len(planned.steps)} steps: nothing "
+            "more is sent to the robot; a move that was under way goes on to its end",
+            ExitCode.INTERRUPTED,
+        )
     document = _document(planned, host, progress.records)
     position = None if simulated is None else simulated.object_position
     document["object_position_m"] = None if position is None else position.tolist()

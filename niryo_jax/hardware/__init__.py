@@ -9,15 +9,19 @@ from niryo_jax.hardware.errors import (
     ConnectionFailed,
     ConnectionLost,
     MotionNotReached,
+    MotionStopped,
     NiryoError,
     NotANiryo,
     PyniryoMissing,
     RobotBusy,
     TargetRejected,
+    ToolFailed,
     ToolMissing,
+    WrongArm,
 )
 from niryo_jax.hardware.faults import Fault, FaultKind
 from niryo_jax.hardware.simulator import SimulatedNiryo
+from niryo_jax.hardware.status import HardwareStatus
 
 __all__ = [
     "ArgumentRejected",
@@ -27,7 +31,9 @@ __all__ = [
     "ConnectionLost",
     "Fault",
     "FaultKind",
+    "HardwareStatus",
     "MotionNotReached",
+    "MotionStopped",
     "NiryoArm",
     "NiryoError",
     "NotANiryo",
@@ -36,6 +42,8 @@ __all__ = [
     "RobotBusy",
     "SimulatedNiryo",
     "TargetRejected",
+    "ToolFailed",
     "ToolMissing",
+    "WrongArm",
     "pyniryo_version",
 ]

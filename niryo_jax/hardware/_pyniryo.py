@@ -1,8 +1,8 @@
 """The only place that touches pyniryo: which one is installed, and calls that cannot hang.
 
-pyniryo's own sockets block without limit after the connect and loop for ever on an answer that a
-close cut short. The client is therefore given a socket of ours, whose every operation ends by a
-deadline and raises when the connection has ended. No thread is needed, so none can be left over.
+pyniryo's own sockets block without limit after the connect, and it takes any answer for that of its
+last request. It is therefore given a `Connection` of ours. No thread is needed, so none can be left
+over.
 """
 
 from __future__ import annotations
@@ -11,10 +11,8 @@ import contextlib
 import dataclasses
 import importlib
 import importlib.metadata
-import socket
 import sys
 import threading
-import time
 import types
 import warnings
 from collections.abc import Generator
@@ -23,21 +21,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from niryo_jax.hardware.connection import Connection, refusal
 from niryo_jax.hardware.errors import (
-    CallTimeout,
     CommandRefused,
-    ConnectionFailed,
     ConnectionLost,
     NiryoError,
     NotANiryo,
     PyniryoMissing,
-    RobotBusy,
+    WrongArm,
 )
+from niryo_jax.hardware.protocol import ProtocolError
+from niryo_jax.hardware.status import HardwareStatus, parse_status
 
 _INSTALL = 'install it with: pip install "niryo_jax[robot]"'
-
-# Windows delivers Ctrl-C only between socket operations, so none may wait longer than this.
-_POLL = 0.2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,132 +109,59 @@ def _load() -> Any:
         raise PyniryoMissing(f"pyniryo does not import ({error}); {_INSTALL}") from error
 
 
-class GuardedSocket:
-    """A connected TCP socket with the methods pyniryo calls, each bounded by `deadline`."""
-
-    def __init__(self, host: str, port: int, timeout: float) -> None:
-        self.address = f"{host}:{port}"
-        self.begin("connect", timeout)
-        try:
-            self._socket = socket.create_connection((host, port), timeout)
-        except TimeoutError:
-            raise ConnectionFailed(
-                f"{self.address} did not answer within {timeout:g} s; expected a switched-on robot "
-                "at this address, on the same network"
-            ) from None
-        except ConnectionRefusedError:
-            raise ConnectionFailed(
-                f"{self.address} refused the connection: the machine answers, but no robot server "
-                "listens on this port"
-            ) from None
-        except (OSError, UnicodeError) as error:
-            raise ConnectionFailed(f"{self.address} cannot be reached: {error}") from error
-
-    def begin(self, call: str, timeout: float) -> None:
-        """Bound what follows, up to the next `begin`, by `timeout` seconds."""
-        self.answered = False
-        self._call = call
-        self._timeout = timeout
-        self._deadline = time.monotonic() + timeout
-
-    def send(self, data: bytes) -> int:
-        """Send all of `data`."""
-        view = memoryview(data)
-        while view:
-            view = view[self._attempt(self._socket.send, view) :]
-        return len(data)
-
-    def recv(self, size: int) -> bytes:
-        """Receive exactly `size` bytes: pyniryo takes a shorter first read for a lost robot."""
-        data = b""
-        while len(data) < size:
-            part: bytes = self._attempt(self._socket.recv, size - len(data))
-            if not part:
-                raise ConnectionLost(
-                    f"{self.address} closed the connection during {self._call}; a move that was "
-                    "under way goes on to its end"
-                )
-            self.answered = True
-            data += part
-        return data
-
-    def shutdown(self, how: int) -> None:
-        """Called by pyniryo when it is dropped without having been closed."""
-        self._socket.shutdown(how)
-
-    def close(self) -> None:
-        """Close the connection; again is allowed."""
-        with contextlib.suppress(OSError):
-            self._socket.shutdown(socket.SHUT_RDWR)
-        self._socket.close()
-
-    def _attempt(self, operation: Any, argument: object) -> Any:
-        while (left := self._deadline - time.monotonic()) > 0:
-            try:
-                self._socket.settimeout(min(left, _POLL))
-                return operation(argument)
-            except TimeoutError:
-                continue
-            except OSError as error:
-                raise ConnectionLost(
-                    f"the connection to {self.address} broke during {self._call} ({error}); a move "
-                    "that was under way goes on to its end"
-                ) from error
-        raise CallTimeout(
-            f"{self.address} did not answer {self._call} within {self._timeout:.3g} s; the "
-            "connection is closed, and a move that was under way goes on to its end"
-        )
-
-
 class PyniryoClient:
     """A connected `pyniryo.NiryoRobot` whose calls end in time.
 
+    Args:
+        host, port: where the robot's server listens.
+        connect_timeout: seconds for the connection, and again for its first answer.
+        timeout: seconds for each answer.
+        model: what the robot must say it is, as `robots.MODELS` has it; anything where None.
+
     Raises, on construction:
         PyniryoMissing: pyniryo does not import.
-        ConnectionFailed, RobotBusy, NotANiryo: see `niryo_jax.hardware.errors`.
+        ConnectionFailed, RobotBusy, NotANiryo, WrongArm: see `niryo_jax.hardware.errors`.
     """
 
-    def __init__(self, host: str, port: int, timeout: float) -> None:
+    def __init__(
+        self, host: str, port: int, connect_timeout: float, timeout: float, model: str | None
+    ) -> None:
         module = _load()
         self._refused: type[Exception] = module.NiryoRobotException
         self._lock = threading.RLock()
         self._closed = False
         self._robot = module.NiryoRobot()
-        self._socket = GuardedSocket(host, port, timeout)
+        self._connection = Connection(host, port, connect_timeout, timeout)
         try:
             self._adopt(timeout)
+            self._check_model(model, timeout)
         except BaseException:
             self.close()
             raise
 
     def _adopt(self, timeout: float) -> None:
-        """Give the client our socket, and see that what answers is a Niryo.
+        """Give the client our connection, and see that what answers has six joints.
 
         The client offers no way to choose its port or its socket, hence its private names.
         """
-        self._robot._NiryoRobot__client_socket = self._socket
+        self._robot._NiryoRobot__client_socket = self._connection
         self._robot._NiryoRobot__is_connected = True
+        if hasattr(self._robot, "_NiryoRobot__handshake"):
+            self._robot._NiryoRobot__logger.setLevel("ERROR")
+            self.call("_NiryoRobot__handshake", timeout=timeout)
+        self.joints(timeout)
+
+    def _check_model(self, expected: str | None, timeout: float) -> None:
         try:
-            if hasattr(self._robot, "_NiryoRobot__handshake"):
-                self._robot._NiryoRobot__logger.setLevel("ERROR")
-                self.call("_NiryoRobot__handshake", timeout=timeout)
-            self.joints(timeout)
-        except CallTimeout:
-            if not self._socket.answered:
-                raise RobotBusy(
-                    f"{self._socket.address} accepted the connection and answered nothing within "
-                    f"{timeout:g} s; a Niryo serves one program at a time, so close the other "
-                    "program (Niryo Studio included), or check that this is the robot"
-                ) from None
-            raise NotANiryo(
-                f"{self._socket.address} began an answer and never ended it; expected the server "
-                "of a Niryo with system 4.0 or later"
-            ) from None
-        except ConnectionLost as error:
-            raise NotANiryo(
-                f"{self._socket.address} closed the connection without a whole answer; expected "
-                "the server of a Niryo with system 4.0 or later"
-            ) from error
+            found = self.status(timeout).model
+        except (CommandRefused, ProtocolError):
+            return  # It does not say what it is.
+        if expected is not None and found is not None and found != expected:
+            raise WrongArm(
+                f"{self._connection.address} is a {found}; expected a {expected}, whose joints "
+                "bring the tool elsewhere: use the robot that is there, or name the model that may "
+                f"answer, model={found!r}"
+            )
 
     def call(self, name: str, *args: object, timeout: float) -> Any:
         """What the client's method `name` returns.
@@ -253,34 +176,54 @@ class PyniryoClient:
             NotANiryo: the answer cannot be read.
         """
         label = name.removeprefix("_NiryoRobot__")
-        with self._lock:
-            if self._closed:
-                raise ConnectionLost(
-                    f"{label} was not sent: the connection to {self._socket.address} is closed; "
-                    "connect again"
-                )
-            self._socket.begin(label, timeout)
+        with self._bounded(label, timeout):
             try:
                 with warnings.catch_warnings():
                     # pyniryo 1.2 deprecates move_joints for a command that system 4 lacks.
                     warnings.simplefilter("ignore", DeprecationWarning)
                     return getattr(self._robot, name)(*args)
             except self._refused as error:
-                reason = str(error).partition("KO : ")[2] or str(error)
-                raise CommandRefused(f"the robot refused {label}: {reason}", reason) from error
-            except NiryoError:
-                self.close()
+                words = str(error)
+                raise refusal(label, words.partition("KO : ")[2] or words) from error
+            except (NiryoError, KeyboardInterrupt):
                 raise
             except Exception as error:
-                self.close()
                 raise NotANiryo(
-                    f"{self._socket.address} answered {label} with something that pyniryo cannot "
-                    f"read ({type(error).__name__}: {error}); expected the server of a Niryo with "
-                    "system 4.0 or later"
+                    f"{self._connection.address} answered {label} with something that pyniryo "
+                    f"cannot read ({type(error).__name__}: {error}); expected the server of a "
+                    "Niryo with system 4.0 or later"
                 ) from error
+
+    def exchange(self, command: str, *params: object, timeout: float) -> tuple[Any, ...]:
+        """What a command of the server returns, by its name on the wire. Raises as `call` does."""
+        with self._bounded(command.lower(), timeout):
+            return self._connection.exchange(command, *params)
+
+    @contextlib.contextmanager
+    def _bounded(self, label: str, timeout: float) -> Generator[None]:
+        """One call at a time, in time; whatever but a refusal goes wrong closes the connection."""
+        with self._lock:
+            if self._closed:
+                raise ConnectionLost(
+                    f"{label} was not sent: the connection to {self._connection.address} is "
+                    "closed; connect again"
+                )
+            self._connection.begin(label, timeout)
+            try:
+                yield
+            except CommandRefused:
+                raise
             except BaseException:
                 self.close()
                 raise
+
+    def status(self, timeout: float) -> HardwareStatus:
+        """What the robot says of its hardware.
+
+        Raises:
+            ProtocolError: the answer is none. Otherwise as `call` does.
+        """
+        return parse_status(self.exchange("GET_HARDWARE_STATUS", timeout=timeout))
 
     def joints(self, timeout: float) -> NDArray[np.float64]:
         """(6,) joints read from the robot, radians. Raises as `call` does."""
@@ -292,7 +235,7 @@ class PyniryoClient:
         if joints.shape != (6,) or not np.all(np.isfinite(joints)):
             self.close()
             raise NotANiryo(
-                f"{self._socket.address} answered get_joints with {answer!r}; expected the six "
+                f"{self._connection.address} answered get_joints with {answer!r}; expected the six "
                 "joint angles of a Niryo"
             )
         return joints
@@ -300,5 +243,5 @@ class PyniryoClient:
     def close(self) -> None:
         """Close the connection; again is allowed, and from another thread."""
         self._closed = True
-        self._socket.close()
+        self._connection.close()
         self._robot._NiryoRobot__is_connected = False

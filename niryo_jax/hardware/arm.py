@@ -3,54 +3,71 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
-import warnings
-from types import TracebackType
-from typing import Any
 
 import numpy as np
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
-from niryo_jax.hardware._pyniryo import PyniryoClient, pyniryo_version
+from niryo_jax.hardware import arguments
 from niryo_jax.hardware.errors import (
-    ArgumentRejected,
-    ConnectionLost,
+    CommandRefused,
     MotionNotReached,
+    MotionStopped,
+    NotANiryo,
+    ToolFailed,
     ToolMissing,
 )
-from niryo_jax.hardware.protocol import PORT
+from niryo_jax.hardware.link import ArmLink
+from niryo_jax.hardware.protocol import ProtocolError
+from niryo_jax.hardware.status import HardwareStatus, as_bool, collision_detected, why_it_stayed
 from niryo_jax.hardware.targets import JointTargets
 from niryo_jax.lie.rpy import pose_from_rpy
 from niryo_jax.robot import Robot
-from niryo_jax.robots import MODELS
+
+Vector = NDArray[np.float64]
 
 # A move may take this many times its length over the joint speeds: the robot also accelerates,
 # brakes and plans.
 _SLACK = 3.0
 _SETTLE_STEP = 0.05
 
+# The robot's own speed, percent of the largest, until it is set: it does not tell it.
+_DEFAULT_PERCENT = 100
 
-class NiryoArm:
+# Threads that wait for an answer get in between two pieces of a move.
+_YIELD = 0.005
+
+
+class NiryoArm(ArmLink):
     """A connection to one Niryo arm; use it in a `with` statement.
 
     Entering connects, leaving closes the connection, whatever happened inside. Every call ends in
     time: with its answer, or with one of the errors of `niryo_jax.hardware`. After
-    `CommandRefused`, `MotionNotReached` and the errors about arguments the connection stays open;
-    after any other error, and after Ctrl-C, it is closed. Closing does not stop the arm: a move
-    that is under way goes on to its end.
+    `CommandRefused`, `MotionNotReached`, `MotionStopped` and the errors about tools and arguments
+    the connection stays open; after any other error, and after Ctrl-C, it is closed. Closing does
+    not stop the arm: a move that is under way goes on to its end.
+
+    The robot carries out one command after the other, so that nothing can be asked of it, nor the
+    arm be stopped, while it carries out one. With `piece`, a move is sent in pieces: `stop` and the
+    calls of other threads take effect between two of them, where the arm halts for a moment.
 
     Args:
         host: address of the robot, e.g. "10.10.10.10", or with its port, "127.0.0.1:40001".
         robot: the arm, e.g. `niryo_jax.robots.niryo_one()`; its limits are those enforced.
         port: port of the robot's server, where `host` names none; 40001 where not given.
-        connect_timeout: seconds for the connection, and again for each first answer. A host name
+        model: name of the model that may answer, e.g. "niryo_ned2", where it is not that of
+            `robot`. A robot of another name than those of `robots.MODELS` is checked only so.
+        connect_timeout: seconds for the connection, and again for its first answer. A host name
             is looked up before, in the operating system's own time.
-        timeout: seconds for an answer, in addition to the duration of a move.
+        timeout: seconds for an answer, in addition to the duration of a move; and for the first
+            answer, where an earlier program has left the robot in a move.
         calibration_timeout: seconds for a calibration.
         tolerance: radians by which a joint may miss its target. A few steps of the small servos of
             the Niryo One (5e-3 rad each), far above what the robot rounds away (5e-4 rad).
         settle: seconds that the joints are given to come within the tolerance after a move.
+        piece: seconds that a piece of a move may take; each move is one piece where None.
 
     Raises:
         ArgumentRejected: a robot without six joints, a malformed host or port, a time that is not
@@ -63,81 +80,46 @@ class NiryoArm:
         *,
         robot: Robot,
         port: int | None = None,
+        model: str | None = None,
         connect_timeout: float = 5.0,
         timeout: float = 20.0,
         calibration_timeout: float = 180.0,
         tolerance: float = 0.02,
         settle: float = 1.0,
+        piece: float | None = None,
     ) -> None:
-        positive = {
-            "connect_timeout": connect_timeout,
-            "timeout": timeout,
-            "calibration_timeout": calibration_timeout,
-            "tolerance": tolerance,
-        }
-        for name, value in positive.items():
-            if not (math.isfinite(value) and value > 0):
-                raise ArgumentRejected(f"{name}: expected a positive number, got {value!r}")
-        _check_seconds("settle", settle)
-        self._host, self._port = _split_host(host, port)
+        super().__init__(
+            host,
+            robot=robot,
+            port=port,
+            model=model,
+            connect_timeout=connect_timeout,
+            timeout=timeout,
+        )
+        self._calibration_timeout = arguments.positive("calibration_timeout", calibration_timeout)
+        self._tolerance = arguments.positive("tolerance", tolerance)
+        self._settle = arguments.seconds("settle", settle)
+        self._piece = math.inf if piece is None else arguments.positive("piece", piece)
         self._targets = JointTargets(robot)
-        self._robot_name = robot.name
-        self._connect_timeout = connect_timeout
-        self._timeout = timeout
-        self._calibration_timeout = calibration_timeout
-        self._tolerance = tolerance
-        self._settle = settle
-        # The robot does not tell its speed and keeps it from one client to the next, so the
-        # slowest is assumed until it is set.
-        self._percent = 1
-        self._client: PyniryoClient | None = None
-
-    def connect(self) -> None:
-        """Connect, and see that a Niryo answers. Done by `with`.
-
-        Warns where the installed pyniryo is not made for this robot.
-
-        Raises:
-            PyniryoMissing: pyniryo is not installed, not importable or not supported.
-            ConnectionFailed: unknown host, no answer, connection refused.
-            RobotBusy: the connection is accepted and nothing answers.
-            NotANiryo: what answers does not speak the protocol.
-        """
-        info = pyniryo_version()
-        if self._robot_name in MODELS and self._robot_name not in info.fits:
-            warnings.warn(
-                f"pyniryo {info.version} is made for {', '.join(info.fits)} with system "
-                f"{info.systems}, not for {self._robot_name}; some commands may be unknown to it",
-                stacklevel=3,
-            )
-        self.close()
-        self._client = PyniryoClient(self._host, self._port, self._connect_timeout)
-
-    def close(self) -> None:
-        """Close the connection; again is allowed. A move that is under way goes on."""
-        if self._client is not None:
-            self._client.close()
-
-    def __enter__(self) -> NiryoArm:
-        self.connect()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
+        self._percent = _DEFAULT_PERCENT
+        self._stopped = threading.Event()
 
     def calibrate(self) -> None:
         """Calibrate the motors automatically; nothing happens where they are calibrated."""
         self._call("calibrate_auto", timeout=self._calibration_timeout)
 
+    def status(self) -> HardwareStatus:
+        """What the robot says of its hardware: its model, its motors, whether it is calibrated."""
+        try:
+            return self._connected.status(self._timeout)
+        except ProtocolError as error:
+            self.close()
+            raise NotANiryo(f"{self._host} answered get_hardware_status: {error}") from error
+
     @property
     def needs_calibration(self) -> bool:
         """Whether the robot asks to be calibrated before it moves."""
-        return _as_bool(self._call("need_calibration"))
+        return self.status().needs_calibration
 
     @property
     def learning_mode(self) -> bool:
@@ -145,22 +127,40 @@ class NiryoArm:
 
         A move is not refused in learning mode: the robot switches it off and moves.
         """
-        return _as_bool(self._call("get_learning_mode"))
+        return as_bool(self._call("get_learning_mode"))
 
     @learning_mode.setter
     def learning_mode(self, enabled: bool) -> None:
         self._call("set_learning_mode", bool(enabled))
 
+    @property
+    def collision_detected(self) -> bool:
+        """Whether the robot has detected a collision, and refuses moves until that is cleared.
+
+        Systems from 5 on have this flag and keep it when programs end; system 4 has none: False.
+        """
+        return collision_detected(self._connected, self._timeout)
+
+    def clear_collision(self) -> None:
+        """Let the robot forget a collision. See first that nothing stands in its way.
+
+        Raises:
+            CommandRefused: the robot's system has no such flag.
+        """
+        self._connected.exchange("CLEAR_COLLISION_DETECTED", timeout=self._timeout)
+
     def set_speed(self, percent: int) -> None:
         """Set the speed of later moves, as a whole percentage of the largest, 1 to 100.
+
+        The robot keeps it from one program to the next and does not tell it: where it is not set,
+        times are worked out for 100, its own after it was switched on.
 
         Raises:
             ArgumentRejected: not a whole number from 1 to 100; nothing was sent.
         """
-        if not (1 <= percent <= 100 and percent == int(percent)):
-            raise ArgumentRejected(f"percent: expected a whole number 1 to 100, got {percent!r}")
-        self._call("set_arm_max_velocity", int(percent))
-        self._percent = int(percent)
+        whole = arguments.percentage(percent)
+        self._call("set_arm_max_velocity", whole)
+        self._percent = whole
 
     def use_tool(self, name: str | None = None) -> str:
         """Let the robot detect its tool, and return the tool's name, e.g. "gripper_1".
@@ -173,7 +173,7 @@ class NiryoArm:
         """
         self._call("update_tool")
         found = self.tool
-        if name is not None and found != name.lower():
+        if name is not None and found != str(name).lower():
             raise ToolMissing(f"expected the tool {name!r}, the robot reports {found!r}")
         return found
 
@@ -187,15 +187,12 @@ class NiryoArm:
 
         Raises:
             ToolMissing: no tool was detected; the robot would answer OK and do nothing.
+            ToolFailed: the robot reported success, and its motors that they are overloaded.
         """
         self._actuate("grasp_with_tool")
 
     def release(self) -> None:
-        """Open the gripper, or switch the pump or the magnet off.
-
-        Raises:
-            ToolMissing: no tool was detected; the robot would answer OK and do nothing.
-        """
+        """Open the gripper, or switch the pump or the magnet off. Raises as `grasp` does."""
         self._actuate("release_with_tool")
 
     def wait(self, seconds: float) -> None:
@@ -204,14 +201,16 @@ class NiryoArm:
         Raises:
             ArgumentRejected: not a finite number of seconds, zero or more.
         """
-        _check_seconds("seconds", seconds)
-        time.sleep(seconds)
+        time.sleep(arguments.seconds("seconds", seconds))
 
-    def joints(self) -> NDArray[np.float64]:
-        """(6,) joint angles read from the robot, radians."""
-        return self._connected().joints(self._timeout)
+    def joints(self) -> Vector:
+        """(6,) joint angles read from the robot, radians.
 
-    def pose(self) -> NDArray[np.float64]:
+        In another thread than that of a move: those between two of its pieces.
+        """
+        return self._connected.joints(self._timeout)
+
+    def pose(self) -> Vector:
         """(4, 4) pose that the robot reports, in the space frame, metres.
 
         It is the tool frame on system 4, and the tool centre point where the robot has that
@@ -219,7 +218,7 @@ class NiryoArm:
         """
         return pose_from_rpy(self._call("get_pose").to_list())
 
-    def move_joints(self, q: ArrayLike) -> NDArray[np.float64]:
+    def move_joints(self, q: ArrayLike) -> Vector:
         """Move to the joint angles q and return those read back from the robot.
 
         A target inside the limits but within 1e-3 rad of one is drawn in to 1e-3 rad: the robots
@@ -234,31 +233,51 @@ class NiryoArm:
         Raises:
             TargetRejected: not six finite angles inside the limits; nothing was sent.
             CommandRefused: the robot refused, e.g. because it is not calibrated.
-            MotionNotReached: the robot reported success and stands elsewhere. Systems 5.0 to 5.6.3
-                answer so to moves that they refuse.
+            MotionNotReached: the robot reported success and stands elsewhere; the message says why,
+                as far as the robot tells. Systems 5.0 to 5.6.3 answer so to moves that they refuse.
+            MotionStopped: `stop` was called in another thread.
             CallTimeout, ConnectionLost: no answer in time; the arm may still be moving.
         """
         target = self._targets.check(q)
-        travel = self._targets.travel_time(self.joints(), target, self._percent)
-        self._call("move_joints", *target.tolist(), timeout=self._timeout + _SLACK * travel)
+        self._stopped.clear()
+        start = reached = self.joints()
+        travel = self._targets.travel_time(start, target, self._percent)
+        pieces = max(1, math.ceil(travel / self._piece))
+        for share in np.linspace(0, 1, pieces + 1)[1:]:
+            if self._stopped.is_set():
+                raise MotionStopped("the move was stopped on its way", target, reached)
+            waypoint = start + share * (target - start) if share < 1 else target
+            limit = self._timeout + _SLACK * travel / pieces
+            self._call("move_joints", *waypoint.tolist(), timeout=limit)
+            reached = self._settled(waypoint, reached)
+            time.sleep(_YIELD if pieces > 1 else 0.0)
+        return reached
+
+    def stop(self) -> None:
+        """End the move that another thread has under way, after the piece that the arm is at.
+
+        That thread gets `MotionStopped`. A move of one piece goes on to its end: see `piece`.
+        """
+        self._stopped.set()
+
+    def _settled(self, target: Vector, start: Vector) -> Vector:
+        """The joints read back, once they are within the tolerance of a target (6,)."""
         deadline = time.monotonic() + self._settle
         while np.max(np.abs((reached := self.joints()) - target)) > self._tolerance:
             if time.monotonic() >= deadline:
-                raise self._not_reached(target, reached)
+                worst = int(np.argmax(np.abs(reached - target)))
+                moved = np.max(np.abs(reached - start)) > self._tolerance
+                why = why_it_stayed(self._connected, self._timeout)
+                raise MotionNotReached(
+                    f"the robot reported success, yet {self._targets.names[worst]} stands at "
+                    f"{reached[worst]:.4f} rad instead of {target[worst]:.4f} rad, more than the "
+                    f"tolerance of {self._tolerance:g} rad away: "
+                    f"{'it was held up on its way; ' if moved else ''}{why}",
+                    target,
+                    reached,
+                )
             time.sleep(_SETTLE_STEP)
         return reached
-
-    def _not_reached(
-        self, target: NDArray[np.float64], reached: NDArray[np.float64]
-    ) -> MotionNotReached:
-        worst = int(np.argmax(np.abs(reached - target)))
-        return MotionNotReached(
-            f"the robot reported success, yet {self._targets.names[worst]} stands at "
-            f"{reached[worst]:.4f} rad instead of {target[worst]:.4f} rad, more than the tolerance "
-            f"of {self._tolerance:g} rad away; the robot refused the move silently or was held up",
-            target,
-            reached,
-        )
 
     def _actuate(self, name: str) -> None:
         if self.tool == "none":
@@ -267,36 +286,10 @@ class NiryoArm:
                 "releasing"
             )
         self._call(name)
-
-    def _connected(self) -> PyniryoClient:
-        if self._client is None:
-            raise ConnectionLost(
-                f"not connected to {self._host}:{self._port}; use the arm in a `with` statement, "
-                "or call connect() first"
-            )
-        return self._client
-
-    def _call(self, name: str, *args: object, timeout: float | None = None) -> Any:
-        return self._connected().call(name, *args, timeout=timeout or self._timeout)
-
-
-def _split_host(host: str, port: int | None) -> tuple[str, int]:
-    name, colon, digits = host.partition(":")
-    if colon and not digits.isdecimal():
-        raise ArgumentRejected(f"host: expected a name, or name:port, got {host!r}")
-    chosen = int(digits) if colon else PORT if port is None else port
-    if not name or not 1 <= chosen <= 65535:
-        raise ArgumentRejected(f"host: expected a name and a port 1 to 65535, got {host!r}, {port}")
-    if port not in (None, chosen):
-        raise ArgumentRejected(f"port: {port} contradicts host {host!r}")
-    return name, chosen
-
-
-def _check_seconds(name: str, value: float) -> None:
-    if not (math.isfinite(value) and value >= 0):
-        raise ArgumentRejected(f"{name}: expected zero or more seconds, got {value!r}")
-
-
-def _as_bool(answer: object) -> bool:
-    """Systems up to 5.6.3 with pyniryo 1.2 answer "True" and "False", both of them truthy."""
-    return str(answer).lower() == "true"
+        try:
+            status = self._connected.status(self._timeout)
+        except (CommandRefused, ProtocolError):
+            return  # It does not tell.
+        if status.tool_fails:
+            trouble = status.failing or status.message
+            raise ToolFailed(f"the robot reported success of {name}, yet {trouble} fails")

@@ -30,16 +30,24 @@ class ToolMissing(NiryoError):
     """The robot reports no tool, or another tool than the one asked for."""
 
 
+class ToolFailed(NiryoError):
+    """The tool did not do what it was told, though the robot reported success."""
+
+
 class ConnectionFailed(NiryoError):
     """No connection: unknown host, nobody answers, or nobody listens on the port."""
 
 
 class RobotBusy(ConnectionFailed):
-    """The connection is accepted and nothing answers: the robot serves one client at a time."""
+    """Another program is connected, or the arm is finishing a move of an earlier one."""
 
 
 class NotANiryo(NiryoError):
     """Something answers, but not in the protocol of the Niryo systems that pyniryo drives."""
+
+
+class WrongArm(NiryoError):
+    """The robot says that it is another model than the one whose joints would be sent."""
 
 
 class ConnectionLost(NiryoError):
@@ -78,3 +86,19 @@ class MotionNotReached(NiryoError):
         self.target = target
         self.reached = reached
         self.difference = float(np.max(np.abs(reached - target)))
+
+
+class MotionStopped(NiryoError):
+    """`stop` ended a move on its way. The connection stays open.
+
+    Attributes:
+        target: (6,) joints that the move was for, radians.
+        reached: (6,) joints where the arm stands, radians.
+    """
+
+    def __init__(
+        self, message: str, target: NDArray[np.float64], reached: NDArray[np.float64]
+    ) -> None:
+        super().__init__(message)
+        self.target = target
+        self.reached = reached

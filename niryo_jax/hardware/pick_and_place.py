@@ -2,7 +2,8 @@
 
 The poses are those of the tool frame, without the offset of a gripper, in the space frame. In steps
 2 to 9 the gripper points down; the jaws of gripper 1 reach the table where the tool frame is 88 mm
-above it.
+above it. The start is the pose of the Niryo One at rest, which the Ned and the Ned2 cannot take
+inside their limits: they start from their own.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from niryo_jax.chain import forward_kinematics
 from niryo_jax.hardware.errors import NiryoError
 from niryo_jax.ik import inverse_kinematics
 from niryo_jax.robot import Robot
+from niryo_jax.robots import NIRYO_ONE
 
 Vector = NDArray[np.float64]
 Action = Literal["move", "grasp", "release"]
@@ -85,6 +87,24 @@ TABLE_2_1: tuple[Step, ...] = (
     Step("Ascent from the object", pose=_ABOVE_DESTINATION),
     Step("Return to the start", pose=_START),
 )
+
+
+AT_REST = (0.0, 0.3, -1.3, 0.0, 0.0, 0.0)
+"""Joints at which the robots rest, radians; steps 1 and 10 have the pose of a Niryo One there."""
+
+
+def steps_for(robot: Robot) -> tuple[Step, ...]:
+    """The steps of Table 2.1 for an arm: as printed for the Niryo One.
+
+    Any other Niryo starts from and returns to its own pose at rest; the poses at the object and at
+    its destination are those of the table.
+    """
+    if robot.name == NIRYO_ONE.name:
+        return TABLE_2_1
+    rest = np.asarray(forward_kinematics(robot, np.array(AT_REST)), dtype=np.float64)
+    return tuple(
+        dataclasses.replace(step, pose=rest) if step.pose is _START else step for step in TABLE_2_1
+    )
 
 
 @dataclasses.dataclass(frozen=True)

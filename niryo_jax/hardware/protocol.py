@@ -30,13 +30,31 @@ class Request:
     params: tuple[Any, ...]
 
 
+@dataclasses.dataclass(frozen=True)
+class Answer:
+    """What the server said to one command.
+
+    Attributes:
+        command: the name of the command that it answers; empty where the server does not know it.
+        ok: whether it was carried out, or is said to have been.
+        values: what it returns.
+        message: why it was refused; empty where it was not.
+    """
+
+    command: str
+    ok: bool
+    values: tuple[Any, ...] = ()
+    message: str = ""
+
+
 def encode_frame(message: Mapping[str, object]) -> bytes:
     """The frame of one message.
 
     Raises:
         ProtocolError: the message is longer than the 65535 bytes that a frame can hold.
+        ValueError: a number in it is not finite.
     """
-    body = json.dumps(message).encode()
+    body = json.dumps(message, allow_nan=False).encode()
     if len(body) > 0xFFFF:
         raise ProtocolError(f"a frame holds at most 65535 bytes, got {len(body)}")
     return _LENGTH.pack(len(body)) + body
@@ -64,6 +82,30 @@ def parse_request(body: bytes) -> Request:
             return Request(command, tuple(params))
         case _:
             raise ProtocolError(f"expected 'command' and 'param_list', got {body[:80]!r}")
+
+
+def request(command: str, *params: object) -> dict[str, object]:
+    """A command as pyniryo writes it; strings, numbers and lists only."""
+    return {"command": command, "param_list": list(params)}
+
+
+def parse_answer(body: bytes) -> Answer:
+    """The answer in a frame's body.
+
+    Raises:
+        ProtocolError: not an answer of the server.
+    """
+    try:
+        message: Any = json.loads(body.decode())
+    except (ValueError, RecursionError) as error:
+        raise ProtocolError(f"not JSON: {body[:80]!r}") from error
+    match message:
+        case {"status": "OK", "command": str(command), "list_ret_param": list(values)}:
+            return Answer(command, True, values=tuple(values))
+        case {"status": "KO", "command": str(command), "message": str(text)}:
+            return Answer(command, False, message=text)
+        case _:
+            raise ProtocolError(f"expected an answer with its status and command: {body[:80]!r}")
 
 
 def ok(command: str, values: Sequence[object] = ()) -> dict[str, object]:

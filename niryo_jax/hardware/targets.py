@@ -16,6 +16,9 @@ from niryo_jax.robots import MODELS
 # compares exactly, so that a limit rounded to float32 may lie outside.
 LIMIT_MARGIN = 1e-3
 
+# What float32 may leave beyond a limit of pi radians after a few operations; radians.
+_ROUNDING = 1e-6
+
 # rad/s, slower than any joint of any Niryo: for a robot that is none of `niryo_jax.robots`.
 _UNKNOWN_SPEED = 1.0
 
@@ -41,6 +44,8 @@ class JointTargets:
     def check(self, q: ArrayLike) -> NDArray[np.float64]:
         """The target (6,) to send for q, at least LIMIT_MARGIN inside the limits.
 
+        A joint at its limit may lie beyond it by what rounding to float32 leaves.
+
         Raises:
             TargetRejected: not six finite angles inside the limits.
         """
@@ -57,7 +62,7 @@ class JointTargets:
         ):
             if not math.isfinite(value):
                 raise TargetRejected(f"q: {name} is {value}; expected a finite angle in radians")
-            if not lower <= value <= upper:
+            if not lower - _ROUNDING <= value <= upper + _ROUNDING:
                 raise TargetRejected(
                     f"q: {name} = {value:.7g} rad ({math.degrees(value):.5g} deg) lies outside its "
                     f"limits, {lower:.7g} to {upper:.7g} rad "

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from niryo_jax.chain import forward_kinematics
-from niryo_jax.ik.newton.newton_raphson import newton_raphson
 from niryo_jax.robots import NiryoModel
 
 Vector = NDArray[np.float64]
@@ -25,6 +24,15 @@ class SimulatedArm:
 
     Joints move at constant speed and arrive together: the slowest joint, at its largest speed
     times the velocity percentage times `time_scale`, decides how long a move takes.
+
+    Attributes:
+        calibrated, learning_mode, jog_mode, collision_detected: as the robot reports them.
+        connected: whether the motors answer; a move is refused where they do not.
+        tool_overloaded: whether the tool's motor refuses to work.
+        tool: the tool detected last, "none" before.
+        grasping: whether the tool is closed.
+        tcp_enabled, tcp: whether poses are those of the tool centre point, and where it lies:
+            (4, 4) in the tool frame.
     """
 
     def __init__(self, model: NiryoModel, *, time_scale: float, mounted_tool: str) -> None:
@@ -33,16 +41,22 @@ class SimulatedArm:
         self.lower: Vector = np.asarray(self.robot.lower)
         self.upper: Vector = np.asarray(self.robot.upper)
         self.calibrated = False
+        self.connected = True
         self.learning_mode = True
+        self.jog_mode = False
+        self.collision_detected = False
         self.velocity_percent = 100.0
         self.tool = "none"
+        self.tool_overloaded = False
         self.grasping = False
+        self.tcp_enabled = False
+        self.tcp: Vector = np.eye(4)
         self._mounted_tool = mounted_tool
         self._max_velocity = np.array(model.max_velocity)
         self._time_scale = time_scale
         self._lock = threading.RLock()
-        self._start = self._goal = np.zeros(6)
-        self._departure = self._arrival = time.monotonic()
+        self._path = np.zeros((1, 6))
+        self._times = np.array([time.monotonic()])
         self._object: Vector | None = None
         self._held = False
 
@@ -51,10 +65,12 @@ class SimulatedArm:
         """(6,) joints at this moment."""
         with self._lock:
             now = time.monotonic()
-            if now >= self._arrival:
-                return self._goal.copy()
-            share = (now - self._departure) / (self._arrival - self._departure)
-            return self._start + share * (self._goal - self._start)
+            if now >= self._times[-1]:
+                return self._path[-1].copy()
+            leg = int(np.searchsorted(self._times, now, side="right"))
+            begin, end = self._times[leg - 1 : leg + 1]
+            share = (now - begin) / (end - begin)
+            return self._path[leg - 1] + share * (self._path[leg] - self._path[leg - 1])
 
     @property
     def pose(self) -> Vector:
@@ -62,28 +78,22 @@ class SimulatedArm:
         return self.pose_at(self.joints)
 
     def pose_at(self, q: Sequence[float] | Vector) -> Vector:
-        """(4, 4) pose of the tool frame at joints q (6,)."""
-        return np.asarray(forward_kinematics(self.robot, np.asarray(q)), dtype=np.float64)
-
-    def solve(self, pose: Vector) -> Vector | None:
-        """Joints (6,) inside the limits for a pose (4, 4), by Newton-Raphson from where the arm is.
-
-        None where that finds none, though there may be some: the robot's own solver is of the same
-        kind.
-        """
-        result = newton_raphson(self.robot, pose, self.joints)
-        q = np.asarray(result.q, dtype=np.float64)
-        return q if bool(result.converged) and self.outside(q) is None else None
+        """(..., 4, 4) pose of the tool frame at joints q (..., 6)."""
+        return np.array(forward_kinematics(self.robot, np.asarray(q)), dtype=np.float64)
 
     def move(self, q: Sequence[float] | Vector) -> float:
         """Set out for joints q (6,); the moment of arrival, on the clock of `time.monotonic`."""
+        return self.follow(np.asarray(q, dtype=np.float64)[None])
+
+    def follow(self, path: Vector) -> float:
+        """Set out along joints (k, 6), one after the other; the moment of arrival."""
         with self._lock:
-            self._start, self._goal = self.joints, np.array(q, dtype=np.float64)
+            path = np.concatenate([self.joints[None], path])
             speed = self._max_velocity * (self.velocity_percent / 100) * self._time_scale
-            self._departure = time.monotonic()
-            duration = np.max(np.abs(self._goal - self._start) / speed)
-            self._arrival = self._departure + float(duration)
-            return self._arrival
+            legs = np.max(np.abs(np.diff(path, axis=0)) / speed, axis=1)
+            self._times = time.monotonic() + np.concatenate([[0.0], np.cumsum(legs)])
+            self._path = path
+            return float(self._times[-1])
 
     def outside(self, q: Sequence[float] | Vector, decimals: int | None = None) -> int | None:
         """Index of the first joint of q (6,) outside its limits, q rounded first where asked."""
@@ -94,6 +104,12 @@ class SimulatedArm:
     def detect_tool(self) -> None:
         """Find the mounted tool, as the robot does on UPDATE_TOOL."""
         self.tool = self._mounted_tool
+        self.reset_tcp()
+
+    def reset_tcp(self) -> None:
+        """Put the tool centre point where the tool has it."""
+        self.tcp = np.eye(4)
+        self.tcp[:3, 3] = self.model.tools[self.tool]
 
     def grasp(self) -> None:
         """Close the tool; an object within reach of the tool centre point is held from now on."""
