@@ -133,7 +133,7 @@ def test_names_that_look_like_markup_are_shown_as_they_are(cli, tmp_path):
     )
     assert cli("describe", file)[1].startswith("[red]:b:: 1 joints\n  [bold]j:b:: revolute")
     _, _, err = cli("pick-and-place", "--host", "[red]:b:x")
-        assert "got '[red]:b:x'" in err
+    assert "got '[red]:b:x'" in err
 
 
 # --- streams that are lost
