@@ -200,7 +200,7 @@ def test_ctrl_c_ends_in_a_word():
         process.send_signal(signal.SIGINT)
         said = process.stderr.read()
         assert process.wait(timeout=60) == 130
-    assert said.endswith("error: interrupted\n")
+    assert "error: interrupted" in said.splitlines()[-1]
     assert "Traceback" not in said
 
 
