@@ -76,6 +76,12 @@ class Compiled:
             known = {key: value for key, value in self._options.items() if _is_known(key, value)}
         return jax.jit(self._function, compiler_options=known, **self._jit)
 
+    @property
+    def programs(self) -> int:
+        """How many programs it has compiled: one for each kind of its arguments."""
+        functions = self._plain, self.__dict__.get("_own")
+        return sum(x._cache_size() for x in functions if x is not None)  # pyright: ignore
+
     def __call__(self, concrete: bool, *arguments: Any) -> Any:
         """The function of arguments that are `concrete` (`is_concrete`) or not."""
         if concrete:

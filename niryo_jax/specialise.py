@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Literal, NamedTuple, TypeVar
 
 import jax
@@ -23,6 +23,7 @@ from niryo_jax import lanes
 from niryo_jax._jax import COMPILE_FAST, RUN_FAST, Compiled, is_concrete
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import as_floating
+from niryo_jax.programs import PROGRAMS
 from niryo_jax.robot import Robot
 from niryo_jax.structure.axes import joint_kinds
 
@@ -140,19 +141,13 @@ def _specialised(function: Callable[..., Result], units: Known) -> Callable[...,
     names = list(inspect.signature(function).parameters)[1:]
 
     def of_pattern(
-        pattern: Pattern, options: tuple[tuple[str, Any], ...], rest: jax.Array, *arrays: Any
+        pattern: Pattern, options: Mapping[str, Any], rest: jax.Array, *arrays: Any
     ) -> Result:
         rest = rest.astype(_dtype_of(arrays))
-        return function(pattern.geometry(list(rest)), *arrays, **dict(options))
+        return function(pattern.geometry(list(rest)), *arrays, **options)
 
-    compiled = {
-        quick: Compiled(of_pattern, options, static_argnums=(0, 1))
-        for quick, options in ((False, RUN_FAST), (True, COMPILE_FAST))
-    }
-
-    @functools.partial(jax.jit, static_argnums=0)
-    def traced(options: tuple[tuple[str, Any], ...], robot: Robot, *arrays: Any) -> Result:
-        return function(traced_geometry(robot, _dtype_of(arrays)), *arrays, **dict(options))
+    def of_robot(options: Mapping[str, Any], robot: Robot, *arrays: Any) -> Result:
+        return function(traced_geometry(robot, _dtype_of(arrays)), *arrays, **options)
 
     @functools.wraps(function)
     def public(robot: Robot, *arrays: Any, quick: bool = False, **options: Any) -> Result:
@@ -167,11 +162,19 @@ def _specialised(function: Callable[..., Result], units: Known) -> Callable[...,
             for name, array in zip(names, arrays)
         )
         if not is_concrete(robot.screws, robot.home) or robot.screws.ndim + robot.home.ndim > 4:
-            return traced(static, robot, *arrays)
+            key = function, jax.tree.structure(robot), static
+            partial = functools.partial(of_robot, options)
+            return PROGRAMS.run(key, lambda: Compiled(partial, {}), False, robot, *arrays)
         # The options are those of the compiler for CPUs.
         quick = quick and jax.default_backend() == "cpu"
         concrete = is_concrete(*jax.tree.leaves(arrays))
         pattern, rest = _pattern_of(robot, units if concrete else "all")
-        return compiled[quick](concrete, pattern, static, rest, *arrays)
+
+        def compiled() -> Compiled:
+            partial = functools.partial(of_pattern, pattern, options)
+            return Compiled(partial, COMPILE_FAST if quick else RUN_FAST)
+
+        key = function, quick, pattern, static
+        return PROGRAMS.run(key, compiled, concrete, rest, *arrays)
 
     return public

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -12,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from niryo_jax._jax import is_concrete
+from niryo_jax._jax import Compiled, is_concrete
 from niryo_jax.execution.compaction import for_each_chunk
 from niryo_jax.execution.devices import on_all_cores
 from niryo_jax.execution.padding import cut_rows, padded_rows
@@ -21,6 +20,7 @@ from niryo_jax.ik.results.limits import limit_margin
 from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes.batching import as_floating, check_shape, on_joints
 from niryo_jax.lanes.singular import singular_values
+from niryo_jax.programs import PROGRAMS
 from niryo_jax.robot import Robot
 from niryo_jax.specialise import Geometry, specialised
 
@@ -79,7 +79,12 @@ def pose_measures(
     check_length(length)
     pose = as_floating("pose", pose)
     check_shape("pose", pose, (4, 4))
-    program = _program(robot, method, length)
+
+    def compiled() -> Compiled:
+        return Compiled(functools.partial(measure, robot, method=method, length=length), {})
+
+    def program(part: jax.Array) -> PoseMeasures:
+        return PROGRAMS.run((measure, robot, method, length), compiled, is_concrete(part), part)
 
     def solve(pose: jax.Array) -> PoseMeasures:
         batch = pose.shape[:-2]
@@ -111,13 +116,6 @@ def check_length(length: float) -> None:
 def _padded(size: int) -> int:
     """Two sizes are compiled: for a few poses, and for so many at a time."""
     return _FEW_POSES if size <= _FEW_POSES else -(-size // _POSES) * _POSES
-
-
-@functools.lru_cache(maxsize=16)
-def _program(
-    robot: Robot, method: Method | None, length: float
-) -> Callable[[jax.Array], PoseMeasures]:
-    return jax.jit(functools.partial(measure, robot, method=method, length=length))
 
 
 def measure(robot: Robot, pose: jax.Array, *, method: Method | None, length: float) -> PoseMeasures:
