@@ -14,6 +14,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax import lanes
+from niryo_jax.arguments import check_choice, check_positive
 from niryo_jax.chain import Motion, compose, link_motions, tool_motion
 from niryo_jax.lanes import Lanes
 from niryo_jax.lanes.batching import on_joints, on_lanes
@@ -195,8 +196,7 @@ def singular_values(
     Raises:
         ValueError: q does not have n joints; an unknown part; a length that is not positive.
     """
-    if not length > 0:
-        raise ValueError(f"length: expected a positive number of metres, got {length}")
+    length = check_positive("length", length, "a positive number of metres")
     jacobian = body_jacobian(robot, q)
     scale = jnp.array([1.0] * 3 + [1.0 / length] * 3, jacobian.dtype)[:, None]
     rows = (jacobian * scale)[..., _ROWS[_check_part(part)], :]
@@ -240,6 +240,5 @@ _ROWS = {"all": slice(0, 6), "angular": slice(0, 3), "linear": slice(3, 6)}
 
 
 def _check_part(part: Part) -> Part:
-    if part not in _ROWS:
-        raise ValueError(f"part: expected one of {', '.join(_ROWS)}, got {part!r}")
+    check_choice("part", part, _ROWS)
     return part

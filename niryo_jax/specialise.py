@@ -24,7 +24,7 @@ from niryo_jax._jax import COMPILE_FAST, RUN_FAST, Compiled, is_concrete
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import as_floating
 from niryo_jax.programs import PROGRAMS
-from niryo_jax.robot import Robot
+from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.structure.axes import joint_kinds
 
 
@@ -123,6 +123,15 @@ def _pattern_of(robot: Robot, which: Known) -> tuple[Pattern, jax.Array]:
     return cache[key]
 
 
+def _is_argument(value: Any) -> bool:
+    """Whether JAX takes it as it is: an array, or a record of arrays.
+
+    Lists would be taken for pytrees of numbers, each an argument of its own.
+    """
+    numbers = isinstance(value, np.ndarray) and value.dtype.kind in "biuf"
+    return numbers or isinstance(value, jax.Array) or hasattr(value, "_fields")
+
+
 def specialised(function: Callable[..., Result]) -> Callable[..., Result]:
     """Make `function(geometry, *arrays, **options)` a jitted `function(robot, *arrays, **options)`.
 
@@ -151,14 +160,10 @@ def _specialised(function: Callable[..., Result], units: Known) -> Callable[...,
 
     @functools.wraps(function)
     def public(robot: Robot, *arrays: Any, quick: bool = False, **options: Any) -> Result:
-        if not isinstance(robot, Robot):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise TypeError(f"robot: expected a niryo_jax.Robot, got {type(robot).__name__}")
+        check_is_robot(robot)
         static = tuple(sorted(options.items()))
-        # Lists would be taken for pytrees of numbers, each an argument of its own.
         arrays = tuple(
-            array
-            if hasattr(array, "dtype") or hasattr(array, "_fields")
-            else as_floating(name, array)
+            array if _is_argument(array) else as_floating(name, array)
             for name, array in zip(names, arrays)
         )
         if not is_concrete(robot.screws, robot.home) or robot.screws.ndim + robot.home.ndim > 4:

@@ -235,7 +235,7 @@ def test_wrong_arguments_are_refused_by_name(niryo):
         with pytest.raises(TypeError, match=r"^robot: expected"):
             function(np.eye(6), np.zeros(6))
     for function in (nj.manipulability, nj.singular_values, nj.condition_number):
-        with pytest.raises(ValueError, match=r"^part: expected one of all, angular, linear"):
+        with pytest.raises(ValueError, match=r"^part: expected one of 'all', 'angular', 'linear'"):
             function(niryo, np.zeros(6), "rotation")
     for function in (nj.singular_values, nj.condition_number):
         for length in (0.0, -1.0, np.nan):

@@ -13,7 +13,7 @@ from niryo_jax.ik.methods.multistart import solve_multistart
 from niryo_jax.ik.methods.sampled import solve_sampled, spare
 from niryo_jax.ik.methods.seeded import solve_seeded
 from niryo_jax.ik.results.solutions import IKSolutions
-from niryo_jax.robot import Robot
+from niryo_jax.robot import Robot, check_is_robot
 
 Method = Literal["complete", "continuation", "multistart", "sampled", "seeded"]
 
@@ -90,8 +90,7 @@ _SOLVERS: dict[Method, Callable[[Robot, ArrayLike], IKSolutions]] = {
 
 def method_for(robot: Robot) -> Method:
     """The method that `inverse_kinematics` takes where none is named."""
-    if not isinstance(robot, Robot):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise TypeError(f"robot: expected a niryo_jax.Robot, got {type(robot).__name__}")
+    check_is_robot(robot)
     if robot.offset_wrist is not None or (robot.plans and spare(robot) is None):
         return "complete"
     if spare(robot) is not None:

@@ -12,6 +12,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax._jax import Compiled, is_concrete
+from niryo_jax.arguments import check_positive
 from niryo_jax.execution.compaction import for_each_chunk
 from niryo_jax.execution.devices import on_all_cores
 from niryo_jax.execution.padding import cut_rows, padded_rows
@@ -21,7 +22,7 @@ from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes.batching import as_floating, check_shape, on_joints
 from niryo_jax.lanes.singular import singular_values
 from niryo_jax.programs import PROGRAMS
-from niryo_jax.robot import Robot
+from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.specialise import Geometry, specialised
 
 _POSTURES = 512
@@ -97,8 +98,7 @@ def pose_measures(
 
 def check_robot(robot: Robot) -> None:
     """Refuse what is not a concrete robot whose limits are numbers."""
-    if not isinstance(robot, Robot):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise TypeError(f"robot: expected a niryo_jax.Robot, got {type(robot).__name__}")
+    check_is_robot(robot)
     robot.known_screws()
     if not is_concrete(robot.lower, robot.upper):
         raise TypeError("robot: expected concrete joint limits, got traced ones")
@@ -109,8 +109,7 @@ def check_robot(robot: Robot) -> None:
 
 def check_length(length: float) -> None:
     """Refuse a length that is none."""
-    if not 0 < length < np.inf:
-        raise ValueError(f"length: expected a positive number of metres, got {length}")
+    check_positive("length", length, "a positive number of metres")
 
 
 def _padded(size: int) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-import operator
 from typing import Any
 
 import jax
@@ -14,6 +13,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax._jax import is_concrete
+from niryo_jax.arguments import check_count, shown
 from niryo_jax.execution.devices import batch_sharding, on_all_cores
 from niryo_jax.execution.padding import cut_rows, is_small, padded_rows, program_size
 from niryo_jax.ik.complete.algorithms import Structure
@@ -21,7 +21,7 @@ from niryo_jax.ik.complete.driver import complete_solutions
 from niryo_jax.ik.differentiable import solve_differentiably
 from niryo_jax.ik.newton.implicit import Held
 from niryo_jax.ik.results.solutions import IKSolutions, map_solutions
-from niryo_jax.lanes.batching import as_floating, check_shape
+from niryo_jax.lanes.batching import as_floating, broadcast_batch, check_shape
 from niryo_jax.robot import Robot
 from niryo_jax.structure.families import ClosedFormPlan
 from niryo_jax.structure.offset_wrist import arm_numbers, concrete_numbers
@@ -106,8 +106,9 @@ def solve_complete(
     given = arm_angle if locked is None else locked[1]
     values = None
     if given is not None:
-        values = as_floating("arm_angle" if locked is None else "locked", given)
-        batch = jnp.broadcast_shapes(pose.shape[:-2], values.shape)
+        name = "arm_angle" if locked is None else "locked"
+        values = as_floating(name, given)
+        batch = broadcast_batch(("pose", pose, 2), (name, values, 0))
         pose = jnp.broadcast_to(pose, (*batch, 4, 4))
         values = jnp.broadcast_to(values, batch).astype(pose.dtype)
     return solve_differentiably(solver, solver.held, robot, pose, values)
@@ -117,11 +118,11 @@ def _structure(robot: Robot, locked: Locked | None, by_arm_angle: bool) -> Struc
     """What is known of the arm while tracing, for the algorithm that fits it."""
     joint = None
     if locked is not None:
-        if not isinstance(locked, tuple):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise TypeError(f"locked: expected (joint index, value), got {locked!r}")
+        if not isinstance(locked, tuple) or len(locked) != 2:  # pyright: ignore
+            raise TypeError(f"locked: expected (joint index, value), got {shown(locked)}")
         if by_arm_angle:
             raise ValueError("locked, arm_angle: expected one of the two, got both")
-        joint = operator.index(locked[0])
+        joint = check_count("locked", locked[0], 0, robot.joints - 1)
     fitting = [
         plan for plan in robot.plans if plan.locked == joint and plan.by_arm_angle == by_arm_angle
     ]
