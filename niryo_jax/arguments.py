@@ -163,7 +163,7 @@ def check_count(name: str, value: Any, least: int, most: int) -> int:
     try:
         given = operator.index(value)
     except TypeError:
-        raise TypeError(f"{name}: expected a whole number, got {shown(value)}") from None
+        raise TypeError(f"{name}: expected an integer, got {shown(value)}") from None
     if given < least:
         raise ValueError(f"{name}: expected {least} or more, got {given}")
     if given > most:

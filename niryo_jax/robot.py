@@ -280,6 +280,8 @@ class Robot:
     def describe(self) -> str:
         """The arm in words: joints, limits, home pose, how the axes lie, and what solves it.
 
+        Axes are counted from 1; the index of a joint that can be `locked` from 0, and says so.
+
         Raises:
             TypeError: the robot is traced.
         """

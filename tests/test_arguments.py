@@ -268,7 +268,7 @@ def test_a_count_is_a_whole_number_for_which_there_is_room(function, name):
         with pytest.raises(ValueError, match=rf"^{name}: expected at most \d+"):
             function(value)
     for value in ("abc", None, 2.5, object(), np.zeros(3), POSE):
-        with pytest.raises(TypeError, match=rf"^{name}: expected a whole number, got"):
+        with pytest.raises(TypeError, match=rf"^{name}: expected an integer, got"):
             function(value)
     with pytest.raises(ValueError, match=rf"^{name}: expected \d or more, got -1"):
         function(-1)

@@ -58,7 +58,8 @@ def inverse_kinematics(
         `IKSolutions` with a slot for each solution that there can be: 16 of an arm with a wrist
         offset and by the methods that are not complete, 8, 4, 2 or 1 where a closed form has no
         more. Nothing is raised for a pose that cannot be solved: `status` says why, so that good
-        and bad poses can be mixed in one batch. Derivatives of q with respect to the pose are those
+        and bad poses can be mixed in one batch. A batch whose size is not known, of `jax.export`,
+        is solved one pose after the other. Derivatives of q with respect to the pose are those
         of the implicit function theorem, of any order, in forward and reverse mode; by the complete
         method also those with respect to the geometry.
 

@@ -15,7 +15,7 @@ from jax.typing import ArrayLike
 from niryo_jax._jax import is_concrete
 from niryo_jax.arguments import check_count, shown
 from niryo_jax.execution.devices import batch_sharding, on_all_cores
-from niryo_jax.execution.padding import cut_rows, is_small, padded_rows, program_size
+from niryo_jax.execution.padding import cut_rows, is_small, is_symbolic, padded_rows, program_size
 from niryo_jax.ik.complete.algorithms import Structure
 from niryo_jax.ik.complete.driver import complete_solutions
 from niryo_jax.ik.differentiable import solve_differentiably
@@ -54,7 +54,8 @@ class CompleteSolver:
     def __call__(self, robot: Robot, pose: jax.Array, values: jax.Array | None) -> IKSolutions:
         """The solutions of poses (..., 4, 4), given values (...,) of what is held."""
         dtype, batch = pose.dtype, pose.shape[:-2]
-        held: Any = np.zeros((*batch, 0), dtype) if values is None else values[..., None]
+        xp = jnp if is_symbolic(batch) else np
+        held: Any = xp.zeros((*batch, 0), dtype) if values is None else values[..., None]
         sharding = batch_sharding(pose, len(batch))
         parts = sharding.parts if sharding else 1
         given = [x.astype(dtype) for x in (self._numbers(robot), robot.lower, robot.upper)]
@@ -75,7 +76,8 @@ class CompleteSolver:
             )
             return answer if whole else _cut(answer, batch)
 
-        return on_all_cores(solve, [pose, held], batch, program_size, map_solutions)
+        answer = on_all_cores(solve, [pose, held], batch, program_size, map_solutions)
+        return dataclasses.replace(answer, lower=given[1], upper=given[2])
 
     def _numbers(self, robot: Robot) -> Any:
         """The numbers of an offset-wrist arm that are not known while tracing."""

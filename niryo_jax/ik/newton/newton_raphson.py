@@ -93,7 +93,8 @@ def newton_raphson(
         damping: factor of the error that damps the step; 0 for the pure method.
 
     Returns:
-        A `NewtonResult`. Every pose takes part in one program; those that have converged stay.
+        A `NewtonResult`. Every pose takes part in one program; those that have converged stay. A
+        batch whose size is not known, of `jax.export`, is solved one pose after the other.
         Derivatives of q with respect to pose and robot are those of the implicit
         function theorem, where converged; with respect to q0 they are zero.
 
