@@ -119,9 +119,8 @@ def check_path(name: str, value: Any) -> None:
 def check_choice(name: str, value: Any, choices: Collection[Any]) -> None:
     """Raise a ValueError unless it is one of these."""
     if not isinstance(value, Hashable) or value not in choices:
-        known = list(map(repr, choices))
-        expected = " or ".join(known) if len(known) < 3 else f"one of {', '.join(known)}"
-        raise ValueError(f"{name}: expected {expected}, got {shown(value)}")
+        expected = ", ".join(map(repr, choices))
+        raise ValueError(f"{name}: expected one of {expected}, got {shown(value)}")
 
 
 def check_number(name: str, value: Any, what: str, holds: Callable[[float], bool]) -> float:

@@ -133,6 +133,51 @@ def test_an_array_that_is_none_is_named(name, function, given, parameter):
         assert parameter.name in names[1].split(", ")
 
 
+OPTIONS = {
+    **dict.fromkeys(("robot", "map", "comparison", "spec", "figure", "store", "path"), ()),
+    **dict.fromkeys(
+        ("method", "frame", "part", "kind", "convention", "up", "edition"), ("zz", 3.5)
+    ),
+    **dict.fromkeys(("length", "step_limit", "position_tolerance", "voxel", "largest_step"), (-1,)),
+    **dict.fromkeys(("samples", "number", "max_iterations", "seed", "first", "rolls"), (-1, 1.5)),
+    "locked": (3, (1,), ("a", 0.0), (9, 0.0), (0, "abc")),
+    "scaling": ("abc", 5j),
+    "home": ("zz",),
+    "tool": ("zz",),
+    "name": (),
+}
+"""Arguments that are no arrays, and what else than an object and None they may not be."""
+
+
+def options() -> Iterator[Any]:
+    """Every function with every argument that is no array, of those above."""
+    for name, function in functions():
+        parameters = inspect.signature(function).parameters.values()
+        samples = {**SHAPED, **BROADCAST, **OTHERS, "path": "<robot/>", **OF_FUNCTION.get(name, {})}
+        if name.startswith(("Robot.", "robots.from_")):
+            continue
+        for parameter in parameters:
+            wrong = OPTIONS.get(parameter.name)
+            if wrong is None or "ArrayLike" in str(parameter.annotation).replace("Locked", ""):
+                continue
+            required = [p.name for p in parameters if p.default is p.empty]
+            given = {key: samples.get(key) for key in required}
+            wrong = (*wrong, object(), *([None] if parameter.default is parameter.empty else []))
+            yield pytest.param(
+                function, given, parameter.name, wrong, id=f"{name}-{parameter.name}"
+            )
+
+
+@pytest.mark.parametrize(("function", "given", "argument", "wrong"), list(options()))
+def test_an_option_that_is_none_is_named(function, given, argument, wrong):
+    if given.get("map", 0) is None and argument != "map":
+        pytest.skip("takes a map to be asked")
+    for value in wrong:
+        with pytest.raises((TypeError, ValueError)) as error:
+            function(**{**given, argument: value})
+        assert re.match(rf"{argument}: ", str(error.value)), f"{value!r}: {error.value}"
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -487,7 +487,7 @@ def test_bad_input_is_refused_by_name(options, error, message):
 def test_bad_poses_and_frames_are_refused_by_name(path):
     with pytest.raises(ValueError, match=r"^start: expected shape \(\.\.\., 4, 4\), got \(3, 3\)"):
         PATHS[path](np.eye(3), np.eye(4), T, K)
-    with pytest.raises(ValueError, match=r"^frame: expected 'body' or 'space', got 'tool'"):
+    with pytest.raises(ValueError, match=r"^frame: expected one of 'body', 'space', got 'tool'"):
         PATHS[path](np.eye(4), np.eye(4), T, K, frame="tool")
     with pytest.raises(ValueError, match=r"^duration: expected a positive"):
         motion.cubic_time_scaling(0.5, -1.0)

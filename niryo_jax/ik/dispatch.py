@@ -7,6 +7,7 @@ from typing import Literal
 
 from jax.typing import ArrayLike
 
+from niryo_jax.arguments import check_choice
 from niryo_jax.ik.methods.complete import Locked, solve_complete
 from niryo_jax.ik.methods.continuation import nominal, solve_by_continuation
 from niryo_jax.ik.methods.multistart import solve_multistart
@@ -71,8 +72,8 @@ def inverse_kinematics(
     chosen = locked is not None or arm_angle is not None
     if method is None:
         method = "complete" if chosen else method_for(robot)
-    if method not in _SOLVERS:
-        raise ValueError(f"method: expected one of {', '.join(_SOLVERS)}, got {method!r}")
+    check_is_robot(robot)
+    check_choice("method", method, _SOLVERS)
     if chosen:
         if method != "complete":
             raise ValueError(f"locked, arm_angle: are for method 'complete', got {method!r}")

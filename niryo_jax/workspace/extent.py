@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from niryo_jax.arguments import shown
-from niryo_jax.robot import Robot
+from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.structure.axes import joint_kinds
 from niryo_jax.workspace.grid import Grid, check_box, check_voxel
 
@@ -99,6 +99,7 @@ def joint_ranges(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
             limits.
         TypeError: a traced robot.
     """
+    check_is_robot(robot)
     screws = robot.known_screws()
     if screws.ndim != 2:
         raise ValueError(f"robot: expected one arm, got screws of shape {screws.shape}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax._jax import Compiled, is_concrete
-from niryo_jax.arguments import check_positive
+from niryo_jax.arguments import check_choice, check_positive
 from niryo_jax.execution.compaction import for_each_chunk
 from niryo_jax.execution.devices import on_all_cores
 from niryo_jax.execution.padding import cut_rows, padded_rows
@@ -78,6 +78,8 @@ def pose_measures(
     """
     check_robot(robot)
     check_length(length)
+    if method is not None:
+        check_choice("method", method, get_args(Method))
     pose = as_floating("pose", pose)
     check_shape("pose", pose, (4, 4))
 

@@ -24,9 +24,10 @@ from niryo_jax.arguments import (
     check_number,
     check_positive,
 )
-from niryo_jax.robot import Robot
+from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.tolerances import AXES_PARALLEL
 from niryo_jax.workspace.description import robot_of
+from niryo_jax.workspace.fields import check_map
 from niryo_jax.workspace.measures import pose_measures
 from niryo_jax.workspace.progress import Progress
 
@@ -111,6 +112,9 @@ def base_placement(
             which nothing is reached.
     """
     tasks = _check_tasks(task_poses)
+    check_map("map", map)
+    if robot is not None:
+        check_is_robot(robot)
     step = float(map.attrs["voxel"]) if step is None else step
     _check_numbers(step, headings, height, most)
     robot = robot_of(map) if robot is None else robot

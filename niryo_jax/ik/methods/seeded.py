@@ -34,7 +34,7 @@ from niryo_jax.ik.target import Target, make_target
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import as_floating, check_shape, on_lanes
 from niryo_jax.lie import se3
-from niryo_jax.robot import Robot
+from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.specialise import Geometry, specialised
 from niryo_jax.structure.offset_wrist import OffsetWristArm, offset_wrist_arm
 from niryo_jax.subproblems import (
@@ -123,6 +123,7 @@ class BranchStatus(Code):
 
 
 def _family(robot: Robot) -> OffsetWristArm:
+    check_is_robot(robot)
     arm = offset_wrist_arm(robot.known_screws())
     if arm is None:
         raise ValueError(
