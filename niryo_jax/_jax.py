@@ -68,6 +68,7 @@ class Compiled:
     ) -> None:
         self._plain = jax.jit(function, **jit)
         self._function, self._options, self._jit = function, options, jit
+        self._programs = 0
 
     @functools.cached_property
     def _own(self) -> Callable[..., Any]:
@@ -76,11 +77,13 @@ class Compiled:
             known = {key: value for key, value in self._options.items() if _is_known(key, value)}
         return jax.jit(self._function, compiler_options=known, **self._jit)
 
-    @property
-    def programs(self) -> int:
-        """How many programs it has compiled: one for each kind of its arguments."""
-        functions = self._plain, self.__dict__.get("_own")
-        return sum(x._cache_size() for x in functions if x is not None)  # pyright: ignore
+    def has_grown(self) -> bool:
+        """Whether it has compiled another program since this was last asked."""
+        before, own = self._programs, self.__dict__.get("_own")
+        self._programs = self._plain._cache_size()  # pyright: ignore[reportFunctionMemberAccess]
+        if own is not None:
+            self._programs += own._cache_size()
+        return self._programs > before
 
     def __call__(self, concrete: bool, *arguments: Any) -> Any:
         """The function of arguments that are `concrete` (`is_concrete`) or not."""

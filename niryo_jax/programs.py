@@ -49,22 +49,21 @@ class Programs:
         """Call the function of a key, which `make` makes where it is not kept."""
         with self._lock:
             function = self._kept.get(key)
-            if new := function is None:
+            if function is None:
                 function = self._kept[key] = make()
+                if len(self._kept) > self._most:
+                    self._kept.popitem(last=False)
             else:
                 self._kept.move_to_end(key)
-        before = function.programs
         try:
             return function(concrete, *arguments)
         finally:
-            if new or function.programs > before:
+            if function.has_grown():
                 self._let_go()
 
     def _let_go(self) -> None:
-        """Forget what was used longest ago, until what is left fits."""
+        """Forget what was used longest ago, until the memory has few enough pieces."""
         with self._lock:
-            while len(self._kept) > self._most:
-                self._kept.popitem(last=False)
             while len(self._kept) > self._least and mapped_share() > _SHARE:
                 self._kept.popitem(last=False)
 

@@ -175,11 +175,11 @@ def _specialised(function: Callable[..., Result], units: Known) -> Callable[...,
         concrete = is_concrete(*jax.tree.leaves(arrays))
         pattern, rest = _pattern_of(robot, units if concrete else "all")
 
-        def compiled() -> Compiled:
+        def make() -> Compiled:
             partial = functools.partial(of_pattern, pattern, options)
             return Compiled(partial, COMPILE_FAST if quick else RUN_FAST)
 
         key = function, quick, pattern, static
-        return PROGRAMS.run(key, compiled, concrete, rest, *arrays)
+        return PROGRAMS.run(key, make, concrete, rest, *arrays)
 
     return public
