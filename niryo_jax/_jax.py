@@ -60,14 +60,11 @@ class Compiled:
     Args:
         function: to be compiled.
         options: of XLA's compiler.
-        jit: further arguments of `jax.jit`.
     """
 
-    def __init__(
-        self, function: Callable[..., Any], options: Mapping[str, Any], **jit: Any
-    ) -> None:
-        self._plain = jax.jit(function, **jit)
-        self._function, self._options, self._jit = function, options, jit
+    def __init__(self, function: Callable[..., Any], options: Mapping[str, Any]) -> None:
+        self._plain = jax.jit(function)
+        self._function, self._options = function, options
         self._programs = 0
 
     @functools.cached_property
@@ -75,14 +72,15 @@ class Compiled:
         # Asked of XLA at the first call: an import must not start its devices.
         with untraced():
             known = {key: value for key, value in self._options.items() if _is_known(key, value)}
-        return jax.jit(self._function, compiler_options=known, **self._jit)
+        return jax.jit(self._function, compiler_options=known)
 
     def has_grown(self) -> bool:
         """Whether it has compiled another program since this was last asked."""
-        before, own = self._programs, self.__dict__.get("_own")
-        self._programs = self._plain._cache_size()  # pyright: ignore[reportFunctionMemberAccess]
-        if own is not None:
-            self._programs += own._cache_size()
+        before = self._programs
+        functions: tuple[Any, Any] = self._plain, self.__dict__.get("_own")
+        self._programs = functions[0]._cache_size()
+        if functions[1] is not None:
+            self._programs += functions[1]._cache_size()
         return self._programs > before
 
     def __call__(self, concrete: bool, *arguments: Any) -> Any:
