@@ -1,4 +1,8 @@
-"""Batched, differentiable kinematics in JAX for the Niryo One and for open chains in general."""
+"""Batched, differentiable kinematics in JAX for the Niryo One and for open chains in general.
+
+Functions compute in the precision of their arguments, float32 or float64; integers are taken in the
+one that JAX is set to, and float16 and bfloat16 are refused. An argument that is none is named.
+"""
 
 import importlib
 from typing import TYPE_CHECKING, Any

@@ -78,8 +78,8 @@ class Compiled:
     Args:
         function: to be compiled.
         options: of XLA's compiler.
-        name: of the function, which no other has.
-        static: how many of its first arguments are static.
+        identity: what the function is, in values that are spelled the same in every process; None
+            for one that no store keeps.
 
     Attributes:
         store: where programs are kept, which are neither traced nor compiled there again; set by a
@@ -89,12 +89,14 @@ class Compiled:
     store: ProgramStore | None = None
 
     def __init__(
-        self, function: Callable[..., Any], options: Mapping[str, Any], name: str, static: int
+        self,
+        function: Callable[..., Any],
+        options: Mapping[str, Any],
+        identity: tuple[Any, ...] | None = None,
     ) -> None:
-        self._jit: dict[str, Any] = {"static_argnums": tuple(range(static))}
-        self._plain = jax.jit(function, **self._jit)
-        self._function, self._options = function, options
-        self._name, self._static = name, static
+        self._plain = jax.jit(function)
+        self._function, self._options, self._identity = function, options, identity
+        self._programs = 0
         self._kept: dict[str, Callable[..., Any]] = {}
         self._lock = threading.Lock()
 
@@ -103,7 +105,16 @@ class Compiled:
         # Asked of XLA at the first call: an import must not start its devices.
         with untraced():
             known = {key: value for key, value in self._options.items() if _is_known(key, value)}
-        return jax.jit(self._function, compiler_options=known, **self._jit)
+        return jax.jit(self._function, compiler_options=known)
+
+    def has_grown(self) -> bool:
+        """Whether it has compiled another program since this was last asked."""
+        before = self._programs
+        functions: tuple[Any, Any] = self._plain, self.__dict__.get("_own")
+        self._programs = functions[0]._cache_size() + len(self._kept)
+        if functions[1] is not None:
+            self._programs += functions[1]._cache_size()
+        return self._programs > before
 
     def __call__(self, concrete: bool, *arguments: Any) -> Any:
         """The function of arguments that are `concrete` (`is_concrete`) or not."""
@@ -117,21 +128,25 @@ class Compiled:
 
     def _key(self, arguments: tuple[Any, ...]) -> str | None:
         """All that the program of these arguments depends on; None for one that is not kept."""
-        static, arrays = arguments[: self._static], arguments[self._static :]
-        with contextlib.suppress(TypeError):
-            if _run_on_first_cpu(arrays):
-                return f"{self._name}\n{_spelled((self._options, *static))}\n{_context(arrays)}"
+        if self._spelled_identity is None or not _run_on_first_cpu(arguments):
+            return None
+        return f"{self._spelled_identity}\n{_context(arguments)}"
+
+    @functools.cached_property
+    def _spelled_identity(self) -> str | None:
+        if self._identity is not None:
+            with contextlib.suppress(TypeError):
+                return _spelled((self._options, *self._identity))
         return None
 
     def _of_store(self, store: ProgramStore, key: str, arguments: tuple[Any, ...]) -> Any:
         """The function by a program of this process, of the store, or a new one."""
-        arrays = arguments[self._static :]
         with self._lock:
             if key not in self._kept and (saved := store.load(key)) is not None:
                 # Only when it runs is it seen whether a program is whole.
                 with contextlib.suppress(Exception):
                     program = _deserialised(saved)
-                    answer = jax.block_until_ready(program(*arrays))
+                    answer = jax.block_until_ready(program(*arguments))
                     self._kept[key] = program
                     return answer
             if key not in self._kept:
@@ -141,7 +156,7 @@ class Compiled:
                 # A program that closes over arrays cannot be serialised.
                 with contextlib.suppress(ValueError, NotImplementedError):
                     store.save(key, pickle.dumps(serialize_executable.serialize(program)))
-        return self._kept[key](*arrays)
+        return self._kept[key](*arguments)
 
 
 @contextlib.contextmanager

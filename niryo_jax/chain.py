@@ -15,7 +15,7 @@ from niryo_jax import lanes
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import as_floating, on_joints
 from niryo_jax.lie import se3, so3
-from niryo_jax.robot import Robot
+from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.specialise import Geometry, specialised
 
 
@@ -61,6 +61,7 @@ def link_poses(robot: Robot, q: ArrayLike, homes: ArrayLike | None = None) -> ja
     Raises:
         ValueError: q does not have n joints, or homes has another shape.
     """
+    check_is_robot(robot)
     q = as_floating("q", q)
     if homes is None:
         homes = jnp.broadcast_to(jnp.eye(4, dtype=q.dtype), (robot.joints, 4, 4))

@@ -23,6 +23,7 @@ from jax.typing import ArrayLike
 
 from niryo_jax import lanes
 from niryo_jax._jax import is_concrete
+from niryo_jax.arguments import check_choice
 from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes import Lanes
 from niryo_jax.lanes.batching import Edge, as_floating, check_shape, on_joints, on_lanes
@@ -211,6 +212,4 @@ def _jacobian(geometry: Geometry, q: Lanes, frame: VelocityFrame, *, materialise
 
 
 def _check_frame(frame: VelocityFrame) -> None:
-    known = get_args(VelocityFrame)
-    if frame not in known:
-        raise ValueError(f"frame: expected one of {', '.join(map(repr, known))}, got {frame!r}")
+    check_choice("frame", frame, get_args(VelocityFrame))

@@ -14,6 +14,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax import lanes
+from niryo_jax.arguments import check_choice, check_positive
 from niryo_jax.chain import Motion, compose, link_motions, tool_motion
 from niryo_jax.lanes import Lanes
 from niryo_jax.lanes.batching import on_joints, on_lanes
@@ -127,7 +128,13 @@ def pose_and_jacobian(
 
 
 def manipulability(robot: Robot, q: ArrayLike, part: Part = "all") -> jax.Array:
-    """Yoshikawa's measure sqrt(det(J J^T)): the volume of the ellipsoid, 0 where singular.
+    """Yoshikawa's measure: the volume of the ellipsoid of what the arm can do, 0 where singular.
+
+    It is the product of the singular values: sqrt(det(J J^T)) where there are as many joints as
+    rows or more. An arm with fewer joints cannot move in all directions that rows stand for, and
+    sqrt(det(J J^T)) is 0 always; its ellipsoid has as many axes as it has joints, and its volume is
+    sqrt(det(J^T J)). Where the rows of the arm's task alone move, as with a SCARA, this is
+    Yoshikawa's measure of these rows.
 
     Args:
         robot: the arm.
@@ -135,20 +142,21 @@ def manipulability(robot: Robot, q: ArrayLike, part: Part = "all") -> jax.Array:
         part: which rows of the body Jacobian: "angular", "linear", or "all".
 
     Returns:
-        (...,) in metres^3 for "all" and "linear"; no unit for "angular". Its derivative
-        at a singular configuration, where it has a corner, is given as 0.
+        (...,) in metres^3 for "all" and "linear" with as many joints as rows or more; no unit for
+        "angular". Of an arm with fewer joints, "all" has a sum of several units. Its
+        derivative at a singular configuration, where it has a corner, is given as 0.
 
     Raises:
         ValueError: q does not have n joints; an unknown part.
     """
-    return _volume(body_jacobian(robot, q)[..., _ROWS[_check_part(part)], :])
+    jacobian = body_jacobian(robot, q)[..., _ROWS[_check_part(part)], :]
+    wide = jacobian.shape[-2] <= jacobian.shape[-1]
+    return _volume(jacobian if wide else jnp.swapaxes(jacobian, -1, -2))
 
 
 @jax.custom_jvp
 @jax.jit
 def _volume(rows: jax.Array) -> jax.Array:
-    if rows.shape[-2] > rows.shape[-1]:
-        return jnp.zeros(rows.shape[:-2], rows.dtype)
     return on_lanes(lanes.volume, ("rows", rows, rows.shape[-2:]))
 
 
@@ -161,8 +169,6 @@ def _volume_jvp(
     (rows,), (rate,) = primals, tangents
     count, columns = rows.shape[-2:]
     volume = _volume(rows)
-    if count > columns:
-        return volume, jnp.zeros_like(volume)
 
     def transposed_inverse(rows: Lanes) -> Lanes:
         basis, lower, reciprocals = lanes.orthogonalise(rows, DEPENDENT_ROW.of(volume.dtype))
@@ -195,8 +201,7 @@ def singular_values(
     Raises:
         ValueError: q does not have n joints; an unknown part; a length that is not positive.
     """
-    if not length > 0:
-        raise ValueError(f"length: expected a positive number of metres, got {length}")
+    length = check_positive("length", length, "a positive number of metres")
     jacobian = body_jacobian(robot, q)
     scale = jnp.array([1.0] * 3 + [1.0 / length] * 3, jacobian.dtype)[:, None]
     rows = (jacobian * scale)[..., _ROWS[_check_part(part)], :]
@@ -228,18 +233,18 @@ def condition_number(
 ) -> jax.Array:
     """Largest over smallest singular value of the body Jacobian; infinite where singular.
 
+    A smallest value that is rounding is zero: below 1e-14 of the largest, in float32 1e-6.
     Arguments, shapes and errors as `singular_values`; returns (...,).
     """
     values = singular_values(robot, q, part, length=length)
-    smallest = values[..., -1]
-    regular = smallest > 0
-    return jnp.where(regular, values[..., 0] / jnp.where(regular, smallest, 1.0), jnp.inf)
+    largest, smallest = values[..., 0], values[..., -1]
+    regular = smallest > DEPENDENT_ROW.of(values.dtype) * largest
+    return jnp.where(regular, largest / jnp.where(regular, smallest, 1.0), jnp.inf)
 
 
 _ROWS = {"all": slice(0, 6), "angular": slice(0, 3), "linear": slice(3, 6)}
 
 
 def _check_part(part: Part) -> Part:
-    if part not in _ROWS:
-        raise ValueError(f"part: expected one of {', '.join(_ROWS)}, got {part!r}")
+    check_choice("part", part, _ROWS)
     return part

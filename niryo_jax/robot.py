@@ -13,23 +13,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from niryo_jax._jax import is_concrete
+from niryo_jax.arguments import (
+    Array,
+    as_data,
+    as_flags,
+    as_labels,
+    check_finite,
+    check_limits,
+    check_motion,
+    check_screws,
+    check_text,
+    is_known,
+    shown,
+)
 from niryo_jax.structure import axes, classify
 from niryo_jax.structure.classify import Structure, structure_of
 from niryo_jax.structure.families import ClosedFormPlan
 from niryo_jax.structure.offset_wrist import KnownNumbers
-from niryo_jax.tolerances import MOTION, SCREW_NORM
-
-Array = jax.Array | np.ndarray
-
-
-def _as_leaf(value: ArrayLike) -> Array:
-    """Concrete numbers become read-only float64 numpy, so no precision is lost without x64."""
-    if isinstance(value, jax.Array):
-        return value
-    array = np.array(value, dtype=np.float64)
-    array.setflags(write=False)
-    return array
-
 
 _ARRAYS = "screws", "home", "lower", "upper"
 _STATIC = "joint_names", "name", "assumed"
@@ -45,12 +45,14 @@ class Robot:
             |omega| = 1, or omega = 0 and |v| = 1 for a prismatic joint. Metres, radians.
         home: (4, 4) pose of the tool frame in the space frame at q = 0.
         lower, upper: (n,) joint limits, radians (metres for prismatic joints).
-        joint_names, name: labels; static.
+        joint_names, name: labels; static. "joint_1"... where no names are given.
         assumed: the structure of the concrete arm that a traced one was made from; static. It
             says which solver a program takes; the program looks whether the arm still has it.
 
     The four arrays are pytree leaves, so they can be traced, batched and differentiated:
-    `dataclasses.replace(robot, screws=...)` accepts traced arrays.
+    `dataclasses.replace(robot, screws=...)` accepts traced arrays. What is known is checked as
+    `from_screws` checks it; float16 and bfloat16 are refused, integers and lists taken as float64.
+    JAX builds robots of anything that it puts in place of arrays, and those are not looked at.
     """
 
     screws: Array
@@ -62,7 +64,22 @@ class Robot:
     assumed: Structure | None = dataclasses.field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        """Find the structure, which a robot that is traced later brings along."""
+        """Check what is known, and find the structure, which a robot that is traced brings along.
+
+        Raises:
+            ValueError, TypeError: as `from_screws`.
+        """
+        for name in _ARRAYS:
+            object.__setattr__(self, name, _as_leaf(name, getattr(self, name)))
+        _check_shapes(self)
+        names = self.joint_names or tuple(f"joint_{i + 1}" for i in range(self.joints))
+        object.__setattr__(self, "joint_names", as_labels("joint_names", names, self.joints))
+        check_text("name", self.name)
+        if not isinstance(self.assumed, Structure | None):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise TypeError(f"assumed: expected a structure or None, got {shown(self.assumed)}")
+        check_screws(self.screws)
+        check_motion("home", self.home)
+        check_limits(self.lower, self.upper)
         object.__setattr__(self, "assumed", self._structure)
 
     def tree_flatten(self) -> tuple[list[Any], tuple[Any, ...]]:
@@ -89,7 +106,7 @@ class Robot:
     @functools.cached_property
     def _structure(self) -> Structure:
         """That of the numbers where they are known, else what is assumed."""
-        if is_concrete(self.screws) and np.ndim(self.screws) == 2:
+        if is_known(self.screws) and self.screws.ndim == 2:
             return structure_of(self.screws)
         return self.assumed or Structure(None, ())
 
@@ -136,14 +153,13 @@ class Robot:
         Raises:
             ValueError: as `from_screws`.
         """
-        screws, home = _as_leaf(screws), _as_leaf(home)
+        screws, home = as_data("screws", screws), as_data("home", home)
         if screws.ndim != 2 or screws.shape[1] != 6:
             raise ValueError(f"screws: expected shape (n, 6), got {screws.shape}")
         if home.shape != (4, 4):
             raise ValueError(f"home: expected shape (4, 4), got {home.shape}")
-        if is_concrete(home):
-            check_motion("home", np.asarray(home))
-        _check_finite("screws", screws)
+        check_motion("home", home)
+        check_finite("screws", screws)
         xp = np if is_concrete(screws, home) else jnp
         w, v = screws[:, :3] @ home[:3, :3].T, screws[:, 3:] @ home[:3, :3].T
         space = xp.concatenate([w, v + xp.cross(home[:3, 3], w)], axis=1)
@@ -173,27 +189,15 @@ class Robot:
 
         Raises:
             ValueError: wrong shapes, numbers that are not finite, screws that are not unit screws,
-                a home pose that is not a rigid motion, limits in the wrong order, a wrong number
-                of names. Traced arrays are not checked.
+                a home pose that is not a rigid motion, limits that are NaN or in the wrong order, a
+                wrong number of names. Of traced arrays the shapes alone are checked.
+            TypeError: what is no array of real numbers of 32 or 64 bits, or no text.
         """
-        screws, home = _as_leaf(screws), _as_leaf(home)
-        if screws.ndim < 2 or screws.shape[-1] != 6 or screws.shape[-2] == 0:
-            raise ValueError(f"screws: expected shape (n, 6) with n >= 1, got {screws.shape}")
-        if home.shape[-2:] != (4, 4):
-            raise ValueError(f"home: expected shape (4, 4), got {home.shape}")
-        joints = screws.shape[-2]
-        low = _as_leaf(np.full(joints, -np.inf) if lower is None else lower)
-        high = _as_leaf(np.full(joints, np.inf) if upper is None else upper)
-        names = tuple(joint_names or (f"joint_{i + 1}" for i in range(joints)))
-        for label, limit in (("lower", low), ("upper", high)):
-            if limit.shape[-1:] != (joints,):
-                raise ValueError(f"{label}: expected shape ({joints},), got {limit.shape}")
-        if len(names) != joints:
-            raise ValueError(f"joint_names: expected {joints} names, got {len(names)}")
-        if is_concrete(screws, home, low, high):
-            _check_geometry(np.asarray(screws), np.asarray(home))
-            if not np.all(np.asarray(low) <= np.asarray(high)):
-                raise ValueError(f"lower must not exceed upper, got lower={low}, upper={high}")
+        screws, home = as_data("screws", screws), as_data("home", home)
+        joints = screws.shape[-2] if screws.ndim > 1 else 0
+        low = as_data("lower", np.full(joints, -np.inf) if lower is None else lower)
+        high = as_data("upper", np.full(joints, np.inf) if upper is None else upper)
+        names = () if joint_names is None else as_labels("joint_names", joint_names, joints)
         return cls(screws, home, low, high, names, name)
 
     @classmethod
@@ -221,19 +225,19 @@ class Robot:
         Raises:
             ValueError: wrong shapes, a zero axis, and all that `from_screws` refuses.
         """
-        axes, points = _as_leaf(axes), _as_leaf(points)
+        axes, points = as_data("axes", axes), as_data("points", points)
         if axes.ndim != 2 or axes.shape[1] != 3:
             raise ValueError(f"axes: expected shape (n, 3), got {axes.shape}")
         if points.shape != axes.shape:
             raise ValueError(f"points: expected shape {axes.shape}, got {points.shape}")
-        slides = np.zeros(len(axes), bool) if prismatic is None else np.array(prismatic, bool)
-        if slides.shape != (len(axes),):
-            raise ValueError(f"prismatic: expected {len(axes)} flags, got shape {slides.shape}")
-        if is_concrete(axes):
+        slides = np.zeros(len(axes), bool)
+        if prismatic is not None:
+            slides = as_flags("prismatic", prismatic, len(axes))
+        if is_known(axes):
             lengths = np.linalg.norm(np.asarray(axes), axis=1)
             if not np.all((lengths > 0) & np.isfinite(lengths)):
                 raise ValueError(f"axes: expected non-zero finite directions, got {axes}")
-        _check_finite("points", points)
+        check_finite("points", points)
         xp = np if is_concrete(axes, points) else jnp
         unit = axes / xp.linalg.norm(axes, axis=1, keepdims=True)
         screws = xp.where(
@@ -254,11 +258,10 @@ class Robot:
         Raises:
             ValueError: wrong shape, or not a rigid motion.
         """
-        tool = _as_leaf(tool)
+        tool = as_data("tool", tool)
         if tool.shape[-2:] != (4, 4):
             raise ValueError(f"tool: expected shape (4, 4), got {tool.shape}")
-        if is_concrete(tool):
-            check_motion("tool", np.asarray(tool))
+        check_motion("tool", tool)
         return dataclasses.replace(self, home=self.home @ tool)
 
     def known_screws(self) -> np.ndarray:
@@ -276,6 +279,8 @@ class Robot:
 
     def describe(self) -> str:
         """The arm in words: joints, limits, home pose, how the axes lie, and what solves it.
+
+        Axes are counted from 1; the index of a joint that can be `locked` from 0, and says so.
 
         Raises:
             TypeError: the robot is traced.
@@ -305,35 +310,25 @@ def _vector(values: np.ndarray) -> str:
     return "(" + ", ".join(f"{value + 0.0:.5g}" for value in values) + ")"
 
 
-def _check_finite(name: str, array: Array) -> None:
-    if is_concrete(array) and not np.all(np.isfinite(np.asarray(array))):
-        raise ValueError(f"{name}: expected finite numbers, got {array}")
+def _as_leaf(name: str, value: Any) -> Array:
+    """An array of a robot: what is in float32 stays so, and its structure is found as such."""
+    if isinstance(value, np.ndarray) and value.dtype == np.float32:
+        return value
+    return as_data(name, value)
 
 
-def _check_geometry(screws: np.ndarray, home: np.ndarray) -> None:
-    _check_finite("screws", screws)
-    omega = np.linalg.norm(screws[..., :3], axis=-1)
-    linear = np.linalg.norm(screws[..., 3:], axis=-1)
-    unit = np.where(omega == 0, linear, omega)
-    if np.any(np.abs(unit - 1) > SCREW_NORM.of(screws.dtype)):
-        raise ValueError(
-            "screws: expected |omega| = 1, or omega = 0 and |v| = 1 (prismatic); "
-            f"got |omega| = {omega}, |v| = {linear}"
-        )
-    check_motion("home", home)
+def _check_shapes(robot: Robot) -> None:
+    """Raise a ValueError unless the last axes of all arrays fit each other."""
+    shape = tuple(robot.screws.shape)
+    if len(shape) < 2 or shape[-1] != 6 or shape[-2] == 0:
+        raise ValueError(f"screws: expected shape (n, 6) with n >= 1, got {shape}")
+    for name, last in (("home", (4, 4)), ("lower", shape[-2:-1]), ("upper", shape[-2:-1])):
+        given = tuple(getattr(robot, name).shape)
+        if given[-len(last) :] != last:
+            raise ValueError(f"{name}: expected shape {last}, got {given}")
 
 
-def check_motion(name: str, pose: np.ndarray) -> None:
-    """Raise a ValueError that names the argument unless `pose` is a rigid motion."""
-    rotation = pose[..., :3, :3]
-    identity = rotation @ np.swapaxes(rotation, -1, -2)
-    right = (
-        np.all(np.isfinite(pose))
-        and np.all(np.abs(identity - np.eye(3)) < MOTION)
-        and np.all(np.linalg.det(rotation) > 0)
-        and np.all(pose[..., 3, :] == np.array([0.0, 0.0, 0.0, 1.0]))
-    )
-    if not right:
-        raise ValueError(
-            f"{name}: expected a rigid motion [[R, p], [0, 0, 0, 1]] with R a rotation, got\n{pose}"
-        )
+def check_is_robot(robot: object) -> None:
+    """Raise a TypeError unless it is a `Robot`."""
+    if not isinstance(robot, Robot):
+        raise TypeError(f"robot: expected a niryo_jax.Robot, got {shown(robot)}")

@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Literal, NamedTuple, TypeVar
 
 import jax
@@ -23,7 +23,8 @@ from niryo_jax import lanes
 from niryo_jax._jax import COMPILE_FAST, RUN_FAST, Compiled, is_concrete
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import as_floating
-from niryo_jax.robot import Robot
+from niryo_jax.programs import PROGRAMS
+from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.structure.axes import joint_kinds
 
 
@@ -123,6 +124,15 @@ def _pattern_of(robot: Robot, which: Known) -> tuple[Pattern, jax.Array]:
     return cache[key]
 
 
+def _is_argument(value: Any) -> bool:
+    """Whether JAX takes it as it is: an array, or a record of arrays.
+
+    Lists would be taken for pytrees of numbers, each an argument of its own.
+    """
+    numbers = isinstance(value, np.ndarray) and value.dtype.kind in "biuf"
+    return numbers or isinstance(value, jax.Array) or hasattr(value, "_fields")
+
+
 def specialised(function: Callable[..., Result]) -> Callable[..., Result]:
     """Make `function(geometry, *arrays, **options)` a jitted `function(robot, *arrays, **options)`.
 
@@ -141,39 +151,39 @@ def _specialised(function: Callable[..., Result], units: Known) -> Callable[...,
     names = list(inspect.signature(function).parameters)[1:]
 
     def of_pattern(
-        pattern: Pattern, options: tuple[tuple[str, Any], ...], rest: jax.Array, *arrays: Any
+        pattern: Pattern, options: Mapping[str, Any], rest: jax.Array, *arrays: Any
     ) -> Result:
         rest = rest.astype(_dtype_of(arrays))
-        return function(pattern.geometry(list(rest)), *arrays, **dict(options))
+        return function(pattern.geometry(list(rest)), *arrays, **options)
 
     name = f"{function.__module__}.{function.__qualname__}"
-    compiled = {
-        quick: Compiled(of_pattern, options, name, static=2)
-        for quick, options in ((False, RUN_FAST), (True, COMPILE_FAST))
-    }
 
-    @functools.partial(jax.jit, static_argnums=0)
-    def traced(options: tuple[tuple[str, Any], ...], robot: Robot, *arrays: Any) -> Result:
-        return function(traced_geometry(robot, _dtype_of(arrays)), *arrays, **dict(options))
+    def of_robot(options: Mapping[str, Any], robot: Robot, *arrays: Any) -> Result:
+        return function(traced_geometry(robot, _dtype_of(arrays)), *arrays, **options)
 
     @functools.wraps(function)
     def public(robot: Robot, *arrays: Any, quick: bool = False, **options: Any) -> Result:
-        if not isinstance(robot, Robot):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise TypeError(f"robot: expected a niryo_jax.Robot, got {type(robot).__name__}")
+        check_is_robot(robot)
         static = tuple(sorted(options.items()))
-        # Lists would be taken for pytrees of numbers, each an argument of its own.
         arrays = tuple(
-            array
-            if hasattr(array, "dtype") or hasattr(array, "_fields")
-            else as_floating(name, array)
+            array if _is_argument(array) else as_floating(name, array)
             for name, array in zip(names, arrays)
         )
         if not is_concrete(robot.screws, robot.home) or robot.screws.ndim + robot.home.ndim > 4:
-            return traced(static, robot, *arrays)
+            key = function, jax.tree.structure(robot), static
+            partial = functools.partial(of_robot, options)
+            return PROGRAMS.run(key, lambda: Compiled(partial, {}), False, robot, *arrays)
         # The options are those of the compiler for CPUs.
         quick = quick and jax.default_backend() == "cpu"
         concrete = is_concrete(*jax.tree.leaves(arrays))
         pattern, rest = _pattern_of(robot, units if concrete else "all")
-        return compiled[quick](concrete, pattern, static, rest, *arrays)
+
+        def make() -> Compiled:
+            partial = functools.partial(of_pattern, pattern, options)
+            chosen = COMPILE_FAST if quick else RUN_FAST
+            return Compiled(partial, chosen, (name, pattern, static))
+
+        key = function, quick, pattern, static
+        return PROGRAMS.run(key, make, concrete, rest, *arrays)
 
     return public

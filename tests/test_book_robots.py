@@ -272,7 +272,7 @@ def test_the_catalogue_loads_every_robot_under_its_name():
 
 def test_what_is_not_known_is_refused_by_name():
     for name in ("puma", "", None):
-        with pytest.raises(ValueError, match=r"^name: expected one of niryo_one, .*rttr, got"):
+        with pytest.raises(ValueError, match=r"^name: expected one of 'niryo_one', .*'rttr', got"):
             catalogue.load(name)
     for build, match in (
         (lambda: book.abb_irb120("left"), r"^tool: expected one of 'down', 'up', got 'left'"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 import stat
 import subprocess
@@ -191,17 +192,17 @@ def summed(options: tuple[float, ...], x, y):
     return {"sum": x + y * options[0], "last": (y,)}
 
 
-def fresh(name: str = "test.summed") -> Compiled:
+def fresh(options: tuple[float, ...] = (0.1,), name: str = "test.summed") -> Compiled:
     """The function in a process of its own, as it were."""
-    return Compiled(summed, {}, name, static=1)
+    return Compiled(functools.partial(summed, options), {}, (name, options))
 
 
 def test_a_kept_program_answers_as_a_new_one(store):
     x, y = np.arange(3.0), jnp.ones(())
-    expected = fresh()(True, (0.1,), x, y)
+    expected = fresh((0.1,))(True, x, y)
     assert len(store.saved) == 1
     for _ in range(2):
-        again = fresh()(True, (0.1,), x, y)
+        again = fresh((0.1,))(True, x, y)
         assert len(store.saved) == 1
         assert jax.tree.structure(again) == jax.tree.structure(expected)
         jax.tree.map(np.testing.assert_array_equal, again, expected)
@@ -210,15 +211,15 @@ def test_a_kept_program_answers_as_a_new_one(store):
 def test_whatever_a_program_depends_on_gives_a_program_of_its_own(store, monkeypatch):
     x, y = np.arange(3.0), np.ones(())
     calls = [
-        lambda: fresh()(True, (0.1,), x, y),
-        lambda: fresh("test.other")(True, (0.1,), x, y),
-        lambda: fresh()(True, (float(np.nextafter(0.1, 1.0)),), x, y),
-        lambda: fresh()(True, (0.1, 1.0), x, y),
-        lambda: fresh()(True, (1,), x, y),
-        lambda: fresh()(True, (1.0,), x, y),
-        lambda: fresh()(True, (0.1,), np.arange(4.0), y),
-        lambda: fresh()(True, (0.1,), x.astype(np.float32), y.astype(np.float32)),
-        lambda: fresh()(True, (0.1,), x, x),
+        lambda: fresh((0.1,))(True, x, y),
+        lambda: fresh(name="test.other")(True, x, y),
+        lambda: fresh((float(np.nextafter(0.1, 1.0)),))(True, x, y),
+        lambda: fresh((0.1, 1.0))(True, x, y),
+        lambda: fresh((1,))(True, x, y),
+        lambda: fresh((1.0,))(True, x, y),
+        lambda: fresh((0.1,))(True, np.arange(4.0), y),
+        lambda: fresh((0.1,))(True, x.astype(np.float32), y.astype(np.float32)),
+        lambda: fresh((0.1,))(True, x, x),
     ]
     for call in calls:
         call()
@@ -237,29 +238,31 @@ def test_whatever_a_program_depends_on_gives_a_program_of_its_own(store, monkeyp
 @pytest.mark.parametrize("damage", ["nothing", "rubbish", "cut", "another"])
 def test_a_program_that_cannot_be_used_is_compiled_again(store, damage):
     x, y = np.arange(3.0), np.ones(())
-    expected = fresh()(True, (0.1,), x, y)
+    expected = fresh((0.1,))(True, x, y)
     (key,) = store
     whole = store[key]
-    fresh()(True, (0.1,), np.arange(5.0), y)
+    fresh((0.1,))(True, np.arange(5.0), y)
     other = store[store.saved[-1]]
     store[key] = {"nothing": b"", "rubbish": b"x" * 99, "cut": whole[:-99], "another": other}[
         damage
     ]
-    answer = fresh()(True, (0.1,), x, y)
+    answer = fresh((0.1,))(True, x, y)
     jax.tree.map(np.testing.assert_array_equal, answer, expected)
     assert store.saved[-1] == key
     assert len(store.saved) == 3
 
 
 def test_what_cannot_be_spelled_or_is_traced_is_not_kept(store):
-    by_function = Compiled(lambda f, x: f(x), {}, "test.by_function", static=1)
-    assert by_function(True, lambda x: x + 1, 2.0) == 3.0
+    def function(x):
+        return x + 1
+
+    assert Compiled(function, {}, ("test.by_function", function))(True, 2.0) == 3.0
     x, y = np.arange(3.0), np.ones(())
-    traced = jax.jit(lambda x: fresh()(False, (2.0,), x, y))(x)
+    traced = jax.jit(lambda x: fresh((2.0,))(False, x, y))(x)
     np.testing.assert_array_equal(traced["sum"], x + 2)
     assert not store
     with pytest.raises(TypeError, match="add"):
-        fresh()(True, (2.0,), x, np.arange(4.0))
+        fresh((2.0,))(True, x, np.arange(4.0))
 
 
 def test_kinematics_by_kept_programs_are_those_of_the_library(store, monkeypatch, rng):

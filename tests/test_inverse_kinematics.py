@@ -207,7 +207,7 @@ def test_any_batch_axes(niryo, batch):
 
 
 def test_wrong_use_is_refused_by_name(niryo, rng):
-    with pytest.raises(ValueError, match="method: expected one of complete"):
+    with pytest.raises(ValueError, match="method: expected one of 'complete'"):
         nj.inverse_kinematics(niryo, POSES[0], method="magic")
     with pytest.raises(ValueError, match=r"pose: expected shape \(\.\.\., 4, 4\)"):
         nj.inverse_kinematics(niryo, np.eye(3))

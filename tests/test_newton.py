@@ -139,7 +139,7 @@ def test_bad_poses_and_guesses_leave_the_others_alone(niryo):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"frame": "tool"}, "frame: expected 'body' or 'space', got 'tool'"),
+        ({"frame": "tool"}, "frame: expected one of 'body', 'space', got 'tool'"),
         ({"max_iterations": -1}, "max_iterations"),
         ({"step_limit": 0.0}, "step_limit"),
         ({"damping": -1.0}, "damping"),

@@ -98,3 +98,50 @@ def test_description_names_the_solver(niryo, rng):
 def test_a_traced_robot_is_refused_with_the_way_out(niryo):
     with pytest.raises(TypeError, match="Close over the robot"):
         jax.jit(lambda robot: robot.describe() and 0)(niryo)
+
+
+def rounded(digits: int, lengths: tuple[float, ...] = (0.264, 0.245)) -> nj.Robot:
+    """Axes 2, 3 and 4 are parallel, 5 and 6 meet, but for right angles with so many digits."""
+    half, turn = round(np.pi / 2, digits), round(np.pi, digits)
+    table = [
+        (0.02, half, 0.1, 0.0),
+        (lengths[0], turn, 0.0, 0.0),
+        (lengths[1], 0.0, 0.06, 0.0),
+        (0.07, half, 0.0, 0.0),
+        (0.0, half, 0.0, half),
+        (0.0, 0.0, 0.09, 0.0),
+    ]
+    return nj.robots.from_dh(table)
+
+
+@pytest.mark.parametrize("digits", [3, 4, 5, 6])
+def test_description_names_the_angle_by_which_axes_miss_being_parallel(digits):
+    arm = rounded(digits)
+    angle = abs(round(np.pi, digits) - np.pi)
+    assert f"axes 2 and 3 miss parallel by {angle:.2g} rad, 264 mm apart" in arm.describe()
+    assert "miss parallel" not in rounded(15).describe()
+
+
+@pytest.mark.parametrize("size", [1e-7, 1e-5, 1e-3])
+def test_description_names_how_far_axes_miss_one_point(size, rng):
+    axes, point = rng.standard_normal((6, 3)), rng.standard_normal((6, 3))
+    point[4:] = point[3]
+    axes[3:] = np.eye(3)
+    for i, words in ((5, "axes 4, 5 and 6 miss one point by"), (0, "")):
+        moved = point.copy()
+        moved[i] += size * axes[4 if i else 1]
+        text = nj.Robot.from_axes(axes, moved, np.eye(4)).describe()
+        assert ("miss one point" in text) == bool(words)
+        assert f"{words} {size * 1e3:.2g} mm" in text or not words
+
+
+@pytest.mark.parametrize("name", ["kuka_iiwa14"])
+def test_description_counts_locked_joints_as_they_are_given(name):
+    robot = nj.robots.load(name)
+    (line,) = [line for line in robot.describe().splitlines() if "locked joint" in line]
+    told = [int(x) for x in line.split("one of ")[1].split(")")[0].split(",")]
+    assert told == sorted(plan.locked for plan in robot.plans if plan.locked is not None)
+    pose = nj.forward_kinematics(robot, np.full(7, 0.4))
+    assert told
+    with pytest.raises(ValueError, match=r"^locked: "):
+        nj.inverse_kinematics(robot, pose, locked=(7, 0.4))

@@ -141,3 +141,26 @@ def test_another_tool_compiles_nothing(niryo, monkeypatch):
     monkeypatch.setattr(driver, "solve_rows", traced)
     robot = niryo.with_tool(TOOL)
     judge(robot, nj.inverse_kinematics(robot, nj.forward_kinematics(robot, q)), q)
+
+
+X, Y, Z = np.eye(3)
+ORIGIN = np.zeros(3)
+UNITS = {
+    "offset wrist": (
+        [Z, Y, Y, X, Y, X],
+        [ORIGIN, ORIGIN, Z, Z, X + Z, X],
+    ),
+    "spherical wrist": ([Z, Y, Y, X, Y, X], [ORIGIN, ORIGIN, Z, X + Z, X + Z, X + Z]),
+    "three parallel axes": ([Z, Y, Y, Y, Z, Y], [ORIGIN, Z, X + Z, X, X, X + Y]),
+}
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_an_arm_of_zeros_and_ones_is_solved(name):
+    robot = nj.Robot.from_axes(*map(np.array, UNITS[name]), np.eye(4), name=name)
+    assert set(np.unique(np.abs(robot.screws))) == {0.0, 1.0}
+    q, pose = made(robot, 4)
+    answer = nj.inverse_kinematics(robot, pose)
+    judge(robot, answer, q)
+    assert np.all(answer.found.any(-1))
+    assert np.all(nj.newton_raphson(robot, pose, q + 1e-3).converged)

@@ -431,3 +431,33 @@ def test_robots_that_urdf_cannot_hold(rng, niryo):
         to_urdf(jax.tree.map(lambda leaf: np.stack([leaf, leaf]), niryo))
     with pytest.raises(TypeError, match="traced robot"):
         jax.jit(lambda robot: len(to_urdf(robot)))(niryo)
+
+
+@pytest.mark.parametrize("declared", ["", ' xmlns:drake="http://drake.mit.edu"', ' xmlns="a:b"'])
+def test_prefixes_say_nothing_of_how_a_robot_moves(declared):
+    plain = ARM.replace(' name="arm"', ' name="arm"' + declared, 1)
+    more = plain.replace("<limit ", '<limit drake:acceleration="2.5" ').replace(
+        "</robot>", '<drake:joint name="c"/></robot>'
+    )
+    read, other = from_urdf(ARM), from_urdf(more)
+    for name in ("screws", "home", "lower", "upper", "joint_names"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(other, name))
+
+
+@pytest.mark.parametrize("prefix", ["xacro", "x"])
+@pytest.mark.parametrize("uri", ["http://www.ros.org/wiki/xacro", "http://ros.org/wiki/xacro/"])
+def test_what_xacro_has_to_replace_is_seen_whatever_its_prefix(prefix, uri):
+    text = f'<robot xmlns:{prefix}="{uri}"><{prefix}:arm/></robot>'
+    with pytest.raises(ValueError, match="expand it with the program xacro"):
+        from_urdf(text)
+
+
+@pytest.mark.parametrize("path", [None, 5, object(), ["arm.urdf"], np.zeros(3)])
+def test_what_is_no_path_is_named(path):
+    with pytest.raises(TypeError, match=r"^path: expected a path, got"):
+        from_urdf(path)
+    if path is not None:
+        with pytest.raises(TypeError, match=r"^path: expected a path, got"):
+            to_urdf(nj.robots.niryo_one(), path)
+    with pytest.raises(TypeError, match=r"^tip: expected a text, got"):
+        from_urdf(ARM, tip=5)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 
+import jax
 import numpy as np
 import pytest
 from arms import arm, forward
@@ -192,7 +193,7 @@ def test_orientations_of_ones_own(rng):
     ("arguments", "options", "words"),
     [
         ((0,), {}, "number"),
-        ((10, "sobol"), {}, "super-fibonacci, directions, random"),
+        ((10, "sobol"), {}, "'super-fibonacci', 'directions', 'random'"),
         ((10, "directions"), {"rolls": 3}, "rolls"),
         ((10, "directions"), {"rolls": 0}, "rolls"),
         ((10, "random"), {"rolls": 2}, "rolls"),
@@ -337,7 +338,11 @@ def test_a_workspace_without_end_is_refused(rng):
     with pytest.raises(ValueError, match=r"prismatic.*bounds"):
         extent(slide)
     assert box(slide, ((0, 0, 0), (1, 1, 1)), 0.1).size == 1000
-    broken = dataclasses.replace(slide, lower=np.full(4, np.nan))
+    with pytest.raises(ValueError, match="lower: expected numbers"):
+        dataclasses.replace(slide, lower=np.full(4, np.nan))
+    # What is made as a tree is not looked at.
+    leaves, tree = jax.tree.flatten(slide)
+    broken = jax.tree.unflatten(tree, [*leaves[:2], np.full(4, np.nan), leaves[3]])
     with pytest.raises(ValueError, match=r"limits.*lower"):
         extent(broken)
 

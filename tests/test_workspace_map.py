@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax
 import numpy as np
 import pytest
@@ -126,6 +124,8 @@ def test_bad_arguments_are_named(niryo, options, message):
 
 
 def test_limits_that_are_no_numbers_are_refused(niryo):
-    broken = dataclasses.replace(niryo, lower=np.array([np.nan, *niryo.lower[1:]]))
+    leaves, tree = jax.tree.flatten(niryo)
+    lower = np.array([np.nan, *niryo.lower[1:]])
+    broken = jax.tree.unflatten(tree, [*leaves[:2], lower, leaves[3]])
     with pytest.raises(ValueError, match="limits"):
         ws.capability_map(broken, 0.2)

@@ -272,8 +272,8 @@ def sheared():
         ({"step": 0.0}, "step: expected a positive length in metres, got 0.0"),
         ({"step": 1e-9}, "step: .* gives"),
         ({"step": np.nan}, "step: expected"),
-        ({"headings": 0}, "headings: expected at least 1, got 0"),
-        ({"most": 0}, "most: expected at least 1, got 0"),
+        ({"headings": 0}, "headings: expected 1 or more, got 0"),
+        ({"most": 0}, "most: expected 1 or more, got 0"),
         ({"height": np.inf}, "height: expected finite metres, got inf"),
     ],
 )

@@ -20,6 +20,7 @@ import numpy as np
 from jax.sharding import AbstractMesh, Mesh, NamedSharding, PartitionSpec
 
 from niryo_jax._jax import is_concrete
+from niryo_jax.execution.padding import is_symbolic, one_by_one
 
 _LEAST = 4096
 """Fewer poses are solved sooner than threads are started."""
@@ -94,6 +95,8 @@ def on_all_cores(
         size_of_program: size of a batch -> what it is padded to, so that pieces share a program.
         tree_map: as `jax.tree.map`, of the arrays of a result that have the batch in front.
     """
+    if is_symbolic(batch):
+        return one_by_one(solve, arrays, batch, tree_map)
     if not is_concrete(*arrays):
         return solve(*arrays)
     devices = arrays[0].sharding.device_set

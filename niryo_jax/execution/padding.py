@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
-from typing import Literal, TypeVar
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -49,6 +49,28 @@ def padded_rows(
     return jnp.pad(rows, padding, mode=mode if len(rows) else "constant")
 
 
+def is_symbolic(batch: tuple[Any, ...]) -> bool:
+    """Whether the size of a batch is not known (`jax.export.symbolic_shape`)."""
+    return not all(isinstance(size, int) for size in batch)
+
+
+def one_by_one(
+    solve: Callable[..., Result],
+    arrays: Sequence[jax.Array],
+    batch: tuple[Any, ...],
+    tree_map: Callable[..., Any] = jax.tree.map,
+) -> Result:
+    """`solve` of one element after the other, for a batch whose size is not known.
+
+    Arguments as `devices.on_all_cores`. What is no array of the batch, and `tree_map` leaves alone,
+    gets the elements as an axis in front.
+    """
+    size = math.prod(batch)
+    rows = tuple(x.reshape(size, *x.shape[len(batch) :]) for x in arrays)
+    answer = jax.lax.map(lambda elements: solve(*(x[None] for x in elements)), rows)
+    return tree_map(lambda x: x.reshape(*batch, *x.shape[2:]), answer)
+
+
 def cut_rows(rows: jax.Array, batch: tuple[int, ...]) -> jax.Array:
     """The first elements of a row, in the shape of their batch."""
     return rows[: math.prod(batch)].reshape(*batch, *rows.shape[1:])
@@ -61,6 +83,8 @@ def in_chunks(solve: Callable[[jax.Array], Result], pose: jax.Array) -> Result:
     array of a result has the batch in front.
     """
     batch = pose.shape[:-2]
+    if is_symbolic(batch):
+        return one_by_one(solve, [pose], batch)
     size = math.prod(batch)
     most = at_once(BLOCK, _CHUNK_ON_ACCELERATOR)
     chunk = min(most, program_size(size))

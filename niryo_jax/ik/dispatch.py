@@ -7,13 +7,14 @@ from typing import Literal
 
 from jax.typing import ArrayLike
 
+from niryo_jax.arguments import check_choice
 from niryo_jax.ik.methods.complete import Locked, solve_complete
 from niryo_jax.ik.methods.continuation import nominal, solve_by_continuation
 from niryo_jax.ik.methods.multistart import solve_multistart
 from niryo_jax.ik.methods.sampled import solve_sampled, spare
 from niryo_jax.ik.methods.seeded import solve_seeded
 from niryo_jax.ik.results.solutions import IKSolutions
-from niryo_jax.robot import Robot
+from niryo_jax.robot import Robot, check_is_robot
 
 Method = Literal["complete", "continuation", "multistart", "sampled", "seeded"]
 
@@ -63,7 +64,8 @@ def inverse_kinematics(
         `IKSolutions` with a slot for each solution that there can be: 16 of an arm with a wrist
         offset and by the methods that are not complete, 8, 4, 2 or 1 where a closed form has no
         more. Nothing is raised for a pose that cannot be solved: `status` says why, so that good
-        and bad poses can be mixed in one batch. Derivatives of q with respect to the pose are those
+        and bad poses can be mixed in one batch. A batch whose size is not known, of `jax.export`,
+        is solved one pose after the other. Derivatives of q with respect to the pose are those
         of the implicit function theorem, of any order, in forward and reverse mode; by the complete
         method also those with respect to the geometry.
 
@@ -75,8 +77,8 @@ def inverse_kinematics(
     chosen = locked is not None or arm_angle is not None
     if method is None:
         method = "complete" if chosen else method_for(robot)
-    if method not in _SOLVERS:
-        raise ValueError(f"method: expected one of {', '.join(_SOLVERS)}, got {method!r}")
+    check_is_robot(robot)
+    check_choice("method", method, _SOLVERS)
     if chosen:
         if method != "complete":
             raise ValueError(f"locked, arm_angle: are for method 'complete', got {method!r}")
@@ -99,8 +101,7 @@ _SOLVERS: dict[Method, Callable[[Robot, ArrayLike], IKSolutions]] = {
 
 def method_for(robot: Robot) -> Method:
     """The method that `inverse_kinematics` takes where none is named."""
-    if not isinstance(robot, Robot):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise TypeError(f"robot: expected a niryo_jax.Robot, got {type(robot).__name__}")
+    check_is_robot(robot)
     if robot.offset_wrist is not None or (robot.plans and spare(robot) is None):
         return "complete"
     if spare(robot) is not None:

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from niryo_jax.arguments import real_dtype, shown
 from niryo_jax.lanes.scalar import Lane, Lanes, lanes_of, materialise, pack, unpack
 from niryo_jax.lanes.trigonometry import Angle, sincos
+
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
 
 Edge = tuple[str, ArrayLike, tuple[int, ...]]
 """An argument's name, its value and the shape of its last axes (-1: any length)."""
@@ -26,16 +32,53 @@ def check_shape(name: str, array: jax.Array | np.ndarray, shape: tuple[int, ...]
 
 
 def as_floating(name: str, value: ArrayLike) -> jax.Array:
-    """The value as a real floating-point array; raises a TypeError that names the argument."""
+    """The value as a real floating-point array, integers in the precision that JAX is set to.
+
+    Raises:
+        TypeError: no array of real numbers, or one of less than 32 bits each.
+    """
     try:
         array = jnp.asarray(value)
-    except (TypeError, ValueError):
-        raise TypeError(f"{name}: expected an array of numbers, got {value!r}") from None
-    if jnp.issubdtype(array.dtype, jnp.floating):
-        return array
-    if jnp.issubdtype(array.dtype, jnp.complexfloating) or array.dtype == jnp.bool_:
-        raise TypeError(f"{name}: expected real numbers, got dtype {array.dtype}")
-    return array.astype(float)
+    except (TypeError, ValueError, OverflowError):
+        raise TypeError(f"{name}: expected an array of numbers, got {shown(value)}") from None
+    dtype = real_dtype(name, array.dtype)
+    return array if array.dtype == dtype else array.astype(dtype)
+
+
+def broadcast_batch(*arrays: tuple[str, Any, int]) -> tuple[Any, ...]:
+    """The batch axes of arrays, of which the number of last axes is given with a name.
+
+    Raises:
+        ValueError: they do not broadcast.
+    """
+    batches = [array.shape[: array.ndim - last] for _, array, last in arrays]
+    try:
+        return jnp.broadcast_shapes(*batches)
+    except ValueError:
+        names = ", ".join(name for name, *_ in arrays)
+        shapes = ", ".join(map(str, batches))
+        raise ValueError(
+            f"{names}: expected batch axes that broadcast against each other, got {shapes}"
+        ) from None
+
+
+def compiled(function: Callable[Given, Result]) -> Callable[Given, Result]:
+    """`jax.jit` of a function of arrays, whose errors name the argument that is no array."""
+    jitted = jax.jit(function)
+
+    @functools.wraps(function)
+    def public(*args: Given.args, **kwargs: Given.kwargs) -> Result:
+        try:
+            return jitted(*args, **kwargs)
+        except TypeError as error:
+            problem = error
+        # JAX refuses what is no array before the function can.
+        given = inspect.signature(function).bind(*args, **kwargs)
+        for name, value in given.arguments.items():
+            as_floating(name, value)
+        raise problem
+
+    return public
 
 
 def on_lanes(function: Callable[..., Any], *edges: Edge) -> Any:
@@ -49,8 +92,8 @@ def on_lanes(function: Callable[..., Any], *edges: Edge) -> Any:
     for (name, _, shape), array in zip(edges, arrays):
         check_shape(name, array, shape)
     dtype = jnp.result_type(*arrays)
-    batch = jnp.broadcast_shapes(
-        *(array.shape[: array.ndim - len(shape)] for (_, _, shape), array in zip(edges, arrays))
+    batch = broadcast_batch(
+        *((name, array, len(shape)) for (name, _, shape), array in zip(edges, arrays))
     )
     lanes = [unpack(array.astype(dtype), len(shape)) for (_, _, shape), array in zip(edges, arrays)]
     result = function(*lanes)

@@ -15,11 +15,11 @@ from jax.typing import ArrayLike
 
 from niryo_jax import lanes
 from niryo_jax.lanes import Lane, Lanes
-from niryo_jax.lanes.batching import on_lanes
+from niryo_jax.lanes.batching import as_floating, compiled, on_lanes
 from niryo_jax.lie import so3
 
 
-@jax.jit
+@compiled
 def hat(twist: ArrayLike) -> jax.Array:
     """The matrix [V] of a twist: (..., 6) -> (..., 4, 4) (Lynch & Park, eq. 3.71)."""
 
@@ -29,7 +29,7 @@ def hat(twist: ArrayLike) -> jax.Array:
     return on_lanes(matrix, ("twist", twist, (6,)))
 
 
-@jax.jit
+@compiled
 def vee(matrix: ArrayLike) -> jax.Array:
     """The twist of a matrix of se(3), inverse of `hat`: (..., 4, 4) -> (..., 6)."""
     return on_lanes(
@@ -37,38 +37,38 @@ def vee(matrix: ArrayLike) -> jax.Array:
     )
 
 
-@jax.jit
+@compiled
 def from_rotation_and_position(rotation: ArrayLike, position: ArrayLike) -> jax.Array:
     """The pose [[R, p], [0, 1]]: (..., 3, 3), (..., 3) -> (..., 4, 4) (Lynch & Park, eq. 3.62)."""
     return on_lanes(assemble, ("rotation", rotation, (3, 3)), ("position", position, (3,)))
 
 
-@jax.jit
+@compiled
 def rotation_and_position(pose: ArrayLike) -> tuple[jax.Array, jax.Array]:
     """R and p of a pose, undoing the above: (..., 4, 4) -> (..., 3, 3), (..., 3)."""
     rotation, position = on_lanes(split, ("pose", pose, (4, 4)))
     return rotation, position
 
 
-@jax.jit
+@compiled
 def inverse(pose: ArrayLike) -> jax.Array:
     """The inverse of a rigid motion: (..., 4, 4) -> (..., 4, 4) (Lynch & Park, eq. 3.64)."""
     return on_lanes(lambda m: assemble(*inverse_lanes(*split(m))), ("pose", pose, (4, 4)))
 
 
-@jax.jit
+@compiled
 def exp(twist: ArrayLike) -> jax.Array:
     """The motion along a twist for unit time: (..., 6) -> (..., 4, 4) (Lynch & Park, eq. 3.88)."""
     return on_lanes(lambda t: assemble(*exp_lanes(t)), ("twist", twist, (6,)))
 
 
-@jax.jit
+@compiled
 def log(pose: ArrayLike) -> jax.Array:
     """The twist with exp(twist) = pose and |omega| <= pi: (..., 4, 4) -> (..., 6) (eq. 3.91)."""
     return on_lanes(lambda m: log_lanes(*split(m)), ("pose", pose, (4, 4)))
 
 
-@jax.jit
+@compiled
 def adjoint(pose: ArrayLike) -> jax.Array:
     """Ad_T, which carries twists from frame b to frame a with T = T_ab: (..., 4, 4) -> (..., 6, 6).
 
@@ -82,7 +82,7 @@ def adjoint(pose: ArrayLike) -> jax.Array:
     return on_lanes(matrix, ("pose", pose, (4, 4)))
 
 
-@jax.jit
+@compiled
 def ad(twist: ArrayLike) -> jax.Array:
     """The small adjoint, ad_V W = [V, W] the Lie bracket: (..., 6) -> (..., 6, 6) (eq. 8.38)."""
 
@@ -93,7 +93,7 @@ def ad(twist: ArrayLike) -> jax.Array:
     return on_lanes(matrix, ("twist", twist, (6,)))
 
 
-@jax.jit
+@compiled
 def project(matrix: ArrayLike) -> tuple[jax.Array, jax.Array]:
     """The rigid motion nearest to a matrix, and the distance: (..., 4, 4) -> (..., 4, 4), (...,).
 
@@ -126,7 +126,7 @@ class ScrewAxis(NamedTuple):
     magnitude: jax.Array
 
 
-@jax.jit
+@compiled
 def screw_from_axis(point: ArrayLike, direction: ArrayLike, pitch: ArrayLike = 0.0) -> jax.Array:
     """The unit screw about a line: (..., 3), (..., 3), (...,) -> (..., 6) (Lynch & Park, eq. 3.81).
 
@@ -148,11 +148,11 @@ def screw_from_axis(point: ArrayLike, direction: ArrayLike, pitch: ArrayLike = 0
         screw,
         ("point", point, (3,)),
         ("direction", direction, (3,)),
-        ("pitch", jnp.asarray(pitch)[..., None], (1,)),
+        ("pitch", as_floating("pitch", pitch)[..., None], (1,)),
     )
 
 
-@jax.jit
+@compiled
 def axis_of_screw(screw: ArrayLike) -> ScrewAxis:
     """The line, pitch and magnitude of a screw or twist: (..., 6) -> `ScrewAxis` (eq. 3.82)."""
 
@@ -167,7 +167,7 @@ def axis_of_screw(screw: ArrayLike) -> ScrewAxis:
     return ScrewAxis(*on_lanes(axis, ("screw", screw, (6,))))
 
 
-@jax.jit
+@compiled
 def unit_screw(twist: ArrayLike) -> tuple[jax.Array, jax.Array]:
     """The unit screw S and the magnitude t with S t = twist: (..., 6) -> (..., 6), (...,).
 

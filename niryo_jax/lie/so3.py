@@ -16,38 +16,38 @@ from jax.typing import ArrayLike
 
 from niryo_jax import lanes
 from niryo_jax.lanes import Lane, Lanes
-from niryo_jax.lanes.batching import on_lanes
+from niryo_jax.lanes.batching import compiled, on_lanes
 
 _POLAR_ITERATIONS = 40
 _GENERIC = ((0.3, -0.8, 0.1), (0.5, 0.2, -0.6), (-0.1, 0.7, 0.9))
 """A direction in which a matrix without a unique nearest rotation is nudged to have one."""
 
 
-@jax.jit
+@compiled
 def hat(w: ArrayLike) -> jax.Array:
     """The skew-symmetric matrix [w]: (..., 3) -> (..., 3, 3) (Lynch & Park, eq. 3.30)."""
     return on_lanes(lanes.hat, ("w", w, (3,)))
 
 
-@jax.jit
+@compiled
 def vee(matrix: ArrayLike) -> jax.Array:
     """The vector of the skew-symmetric part, inverse of `hat`: (..., 3, 3) -> (..., 3)."""
     return on_lanes(lanes.vee, ("matrix", matrix, (3, 3)))
 
 
-@jax.jit
+@compiled
 def inverse(rotation: ArrayLike) -> jax.Array:
     """The inverse (transpose) of a rotation: (..., 3, 3) -> (..., 3, 3)."""
     return on_lanes(np.transpose, ("rotation", rotation, (3, 3)))
 
 
-@jax.jit
+@compiled
 def exp(w: ArrayLike) -> jax.Array:
     """The rotation by |w| radians about w: (..., 3) -> (..., 3, 3) (Lynch & Park, eq. 3.51)."""
     return on_lanes(exp_lanes, ("w", w, (3,)))
 
 
-@jax.jit
+@compiled
 def log(rotation: ArrayLike) -> jax.Array:
     """The rotation vector w with exp(w) = rotation and |w| <= pi: (..., 3, 3) -> (..., 3), radians.
 
@@ -58,7 +58,7 @@ def log(rotation: ArrayLike) -> jax.Array:
     return on_lanes(log_lanes, ("rotation", rotation, (3, 3)))
 
 
-@jax.jit
+@compiled
 def axis_angle(w: ArrayLike) -> tuple[jax.Array, jax.Array]:
     """The unit axis and the angle of a rotation vector: (..., 3) -> (..., 3), (...,), radians.
 
@@ -68,7 +68,7 @@ def axis_angle(w: ArrayLike) -> tuple[jax.Array, jax.Array]:
     return axis, angle
 
 
-@jax.jit
+@compiled
 def project(matrix: ArrayLike) -> tuple[jax.Array, jax.Array]:
     """The rotation nearest to a matrix, and the distance to it: (..., 3, 3) -> (..., 3, 3), (...,).
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -14,11 +15,12 @@ from jax.typing import ArrayLike
 
 from niryo_jax import lanes
 from niryo_jax._jax import is_concrete
+from niryo_jax.arguments import check_choice
 from niryo_jax.chain import compose
 from niryo_jax.ik.newton.pose_error import Frame
 from niryo_jax.ik.target import Target, make_target
 from niryo_jax.lanes import Lane, Lanes
-from niryo_jax.lanes.batching import as_floating, check_shape, on_lanes
+from niryo_jax.lanes.batching import as_floating, broadcast_batch, check_shape, on_lanes
 from niryo_jax.lie import se3, so3
 from niryo_jax.motion.time_scaling import Scaling, TimeScaling, sampled
 from niryo_jax.tolerances import POSE_ROTATION
@@ -72,7 +74,7 @@ def joint_trajectory(
         q_start, q_end: (..., n) radians (metres for prismatic joints); batch axes broadcast. No
             whole turns are added or taken away.
         duration: seconds, positive; a number, or (...) one for each trajectory.
-        samples: k, 2 or more; they are equally spaced in time.
+        samples: k, 2 or more, and no more than memory has room for; equally spaced in time.
         scaling: how s depends on time: "cubic" or "quintic" (`motion.quintic_time_scaling`); a
             function from the share of the duration in [0, 1] to that of the path, of one number and
             written in jax.numpy, whose derivatives are found by autodiff; or an array (k,) or
@@ -89,9 +91,15 @@ def joint_trajectory(
     """
     start, end = as_floating("q_start", q_start), as_floating("q_end", q_end)
     check_shape("q_start", start, (-1,))
-    check_shape("q_end", end, start.shape[-1:])
+    if end.shape[-1:] != start.shape[-1:]:
+        raise ValueError(
+            "q_start, q_end: expected as many joints in both, got shapes "
+            f"{start.shape} and {end.shape}"
+        )
     dtype = jnp.result_type(start, end)
-    time, law = sampled(scaling, duration, samples, dtype)
+    batch = broadcast_batch(("q_start", start, 1), ("q_end", end, 1))
+    numbers = 3 * math.prod(batch) * start.shape[-1]
+    time, law = sampled(scaling, duration, samples, dtype, numbers)
     return JointTrajectory(time, *_straight(start.astype(dtype), end.astype(dtype), law))
 
 
@@ -150,6 +158,9 @@ def cartesian_trajectory(
     return _trajectory(_DECOUPLED, start, end, duration, samples, scaling, frame)
 
 
+_NUMBERS = 28
+"""Of a pose, its twist and the rate of that."""
+
 _Rates = tuple[jax.Array, jax.Array, jax.Array]
 
 
@@ -175,10 +186,11 @@ def _trajectory(
     scaling: Scaling,
     frame: Frame,
 ) -> PoseTrajectory:
-    if frame not in ("body", "space"):
-        raise ValueError(f"frame: expected 'body' or 'space', got {frame!r}")
+    check_choice("frame", frame, ("body", "space"))
     first, last = _target("start", start), _target("end", end)
-    time, law = sampled(scaling, duration, samples, jnp.result_type(first.pose, last.pose))
+    batch = broadcast_batch(("start", first.pose, 2), ("end", last.pose, 2))
+    dtype = jnp.result_type(first.pose, last.pose)
+    time, law = sampled(scaling, duration, samples, dtype, _NUMBERS * math.prod(batch))
     # Two programs, so that another number of samples compiles the second alone.
     way = _kept(path.way(first.pose, last.pose))
     valid = first.valid & last.valid

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
@@ -12,6 +11,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax._jax import is_concrete
+from niryo_jax.arguments import check_fits
 from niryo_jax.lanes.batching import as_floating, check_shape
 
 
@@ -60,17 +60,19 @@ def quintic_time_scaling(t: ArrayLike, duration: ArrayLike) -> TimeScaling:
 
 
 def sampled(
-    scaling: Scaling, duration: ArrayLike, samples: int, dtype: np.dtype
+    scaling: Scaling, duration: ArrayLike, samples: int, dtype: np.dtype, numbers: int
 ) -> tuple[jax.Array, TimeScaling]:
     """Equally spaced times (..., k) from 0 to a duration (...), and a scaling at these times.
+
+    `numbers` is how many numbers a sample takes of a path that runs for one duration.
 
     Raises:
         ValueError: a duration that is not positive and finite, fewer than two samples, an unknown
             name, a function whose value is no number, samples of another number or not in [0, 1].
         TypeError: a number of samples that is no integer.
     """
-    count = _checked_samples(samples)
     total = _checked_duration(duration).astype(dtype)[..., None]
+    count = check_fits("samples", samples, 2, numbers * max(total.size, 1))
     share = jnp.linspace(0.0, 1.0, count, dtype=dtype)
     if isinstance(scaling, str):
         if scaling not in _POLYNOMIALS:
@@ -162,16 +164,6 @@ def _of_samples(s: jax.Array, count: int) -> TimeScaling:
     offset = jnp.asarray(np.arange(count) - middle, s.dtype)
     first = 0.5 * (after - before) + offset * second
     return TimeScaling(s, first * (count - 1), second * (count - 1) ** 2)
-
-
-def _checked_samples(samples: int) -> int:
-    try:
-        count = operator.index(samples)
-    except TypeError:
-        raise TypeError(f"samples: expected an integer, got {samples!r}") from None
-    if count < 2:
-        raise ValueError(f"samples: expected 2 or more, got {count}")
-    return count
 
 
 def _checked_duration(duration: ArrayLike) -> jax.Array:

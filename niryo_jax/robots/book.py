@@ -12,6 +12,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from niryo_jax.arguments import check_choice
 from niryo_jax.robot import Robot
 from niryo_jax.robots.book_arms import (
     IIWA14,
@@ -153,6 +154,4 @@ def _turned(robot: Robot, rotation: np.ndarray) -> Robot:
 
 
 def _check(name: str, value: object, choices: object) -> None:
-    known = get_args(choices)
-    if value not in known:
-        raise ValueError(f"{name}: expected one of {', '.join(map(repr, known))}, got {value!r}")
+    check_choice(name, value, get_args(choices))

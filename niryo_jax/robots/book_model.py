@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from niryo_jax.arguments import check_text
 from niryo_jax.robot import Robot
 
 Direction = Literal["x", "y", "z", "-x", "-y", "-z"]
@@ -37,6 +38,8 @@ class BookModel:
 
     def robot(self, limits: str | None = None) -> Robot:
         """The arm as a `Robot`, with the joint limits of the named source."""
+        if limits is not None:
+            check_text("limits", limits)
         if limits is not None and limits not in self.limits:
             known = ", ".join(self.limits) or "none"
             raise ValueError(f"limits: {limits!r} is not a source of {self.name}; known: {known}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 
+from niryo_jax.arguments import check_choice
 from niryo_jax.robot import Robot
 from niryo_jax.robots import book, niryo
 
@@ -38,6 +39,5 @@ def load(name: str) -> Robot:
     Raises:
         ValueError: an unknown name; the message lists the known ones.
     """
-    if name not in _BUILDERS:
-        raise ValueError(f"name: expected one of {', '.join(_BUILDERS)}, got {name!r}")
+    check_choice("name", name, _BUILDERS)
     return _BUILDERS[name]()

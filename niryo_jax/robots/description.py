@@ -11,6 +11,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
+from xml.parsers import expat
+
+from niryo_jax.arguments import check_path, check_text
 
 _READ = {
     "robot": ("link", "joint"),
@@ -26,7 +29,6 @@ _NUMBERS = {
 """How many numbers an attribute holds."""
 
 _MOVING = ("revolute", "continuous", "prismatic")
-_XACRO = "{http://www.ros.org/wiki/xacro}"
 
 
 def parse(path: str | os.PathLike[str]) -> Any:
@@ -67,6 +69,9 @@ def chain(description: Any, base: str | None, tip: str | None) -> list[Any]:
             several leaves to choose from; no joint of the chain moves.
     """
     above = _joints_above(description)
+    for argument, link in (("base", base), ("tip", tip)):
+        if link is not None:
+            check_text(argument, link)
     paths = {link.name: _path_to(link.name, above) for link in description.links}
     roots = [link for link, path in paths.items() if not path]
     if len(roots) != 1:
@@ -108,6 +113,7 @@ def check_distinct(what: str, names: Iterable[str]) -> None:
 
 
 def _document(path: str | os.PathLike[str]) -> ElementTree.Element:
+    check_path("path", path)
     text: str | bytes
     if isinstance(path, str) and path.lstrip().startswith("<"):
         text = path.lstrip()
@@ -119,18 +125,43 @@ def _document(path: str | os.PathLike[str]) -> ElementTree.Element:
             'with "<"'
         )
     try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
+        root = _tree(text)
+    except expat.ExpatError as error:
         raise ValueError(f"path: expected XML; {error}") from error
-    if any(element.tag.startswith(_XACRO) for element in root.iter()):
+    if _is_xacro(root):
         raise ValueError("path: this is a xacro file; expand it with the program xacro first")
     if root.tag != "robot":
         raise ValueError(f"path: expected the root element <robot>, got <{root.tag}>")
     return root
 
 
+def _tree(text: str | bytes) -> ElementTree.Element:
+    """The elements of a document, under the names that stand there.
+
+    Parsers of URDF know no namespaces: they read prefixes that nobody has declared as parts of
+    names, and what is so named says nothing of how a robot moves.
+    """
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    parser.Parse(text, True)
+    return builder.close()
+
+
+def _is_xacro(root: ElementTree.Element) -> bool:
+    """Whether elements are left that the program xacro replaces."""
+    prefixes = {"xacro"}
+    for element in root.iter():
+        for name, value in element.attrib.items():
+            if name.startswith("xmlns:") and value.rstrip("/").endswith("ros.org/wiki/xacro"):
+                prefixes.add(name.removeprefix("xmlns:"))
+    return any(":" in x.tag and x.tag.split(":")[0] in prefixes for x in root.iter())
+
+
 def _strip(element: ElementTree.Element) -> None:
     """Remove all that does not say how the robot moves, such as inertias and meshes."""
+    for name in list(element.attrib):
+        if ":" in name or name == "xmlns":
+            del element.attrib[name]
     for child in list(element):
         if child.tag in _READ.get(element.tag, ()):
             _strip(child)

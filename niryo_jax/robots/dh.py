@@ -9,8 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
+from niryo_jax._jax import is_concrete
+from niryo_jax.arguments import as_data, check_choice, check_motion
 from niryo_jax.lanes.batching import as_floating
-from niryo_jax.robot import Robot, check_motion, is_concrete
+from niryo_jax.robot import Robot
 from niryo_jax.robots.frames import robot_from_frames
 
 
@@ -58,8 +60,7 @@ def from_dh(
         ValueError: wrong shapes, numbers that are not finite, an unknown convention, a base or
             tool that is not a rigid motion, and all that `Robot.from_screws` refuses.
     """
-    if convention not in ("standard", "modified"):
-        raise ValueError(f"convention: expected 'standard' or 'modified', got {convention!r}")
+    check_choice("convention", convention, ("standard", "modified"))
     xp = np if is_concrete(table, base, tool) else jnp
     rows = _numbers("table", table, xp)
     if rows.ndim != 2 or rows.shape[1] != 4 or not len(rows):
@@ -89,7 +90,7 @@ def from_dh(
 
 def _numbers(name: str, values: Any, xp: Any) -> Any:
     """Concrete numbers in float64; with traced ones among them, in the dtype they have."""
-    return np.asarray(values, dtype=np.float64) if xp is np else as_floating(name, values)
+    return as_data(name, values) if xp is np else as_floating(name, values)
 
 
 def _motion(name: str, given: ArrayLike | None, dtype: Any, xp: Any) -> Any:
@@ -98,8 +99,7 @@ def _motion(name: str, given: ArrayLike | None, dtype: Any, xp: Any) -> Any:
     pose = _numbers(name, given, xp)
     if pose.shape != (4, 4):
         raise ValueError(f"{name}: expected shape (4, 4), got {pose.shape}")
-    if is_concrete(pose):
-        check_motion(name, np.asarray(pose))
+    check_motion(name, pose)
     return pose
 
 

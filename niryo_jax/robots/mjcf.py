@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from niryo_jax.arguments import check_path
 from niryo_jax.robot import Robot
 from niryo_jax.robots.frames import robot_from_frames
 
@@ -104,6 +105,7 @@ def from_mjcf(
 
 
 def _read(mujoco: Any, path: str | os.PathLike[str]) -> Any:
+    check_path("path", path)
     if isinstance(path, str) and path.lstrip().startswith("<"):
         return mujoco.MjSpec.from_string(path)
     if not Path(path).is_file():

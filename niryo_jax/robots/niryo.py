@@ -13,6 +13,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from niryo_jax.arguments import check_text
 from niryo_jax.robot import Robot
 
 
@@ -48,6 +49,8 @@ class NiryoModel:
 
     def robot(self, limits: str | None = None) -> Robot:
         """The arm as a `Robot`, with the joint limits of the named source."""
+        if limits is not None:
+            check_text("limits", limits)
         source = next(iter(self.limits_deg)) if limits is None else limits
         if source not in self.limits_deg:
             known = ", ".join(self.limits_deg)

@@ -17,8 +17,9 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
+from niryo_jax.arguments import check_path
 from niryo_jax.lie.rpy import rpy_from_pose
-from niryo_jax.robot import Robot
+from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.robots import description
 from niryo_jax.robots.frames import robot_from_frames
 from niryo_jax.structure import axes
@@ -122,6 +123,9 @@ def to_urdf(robot: Robot, path: str | os.PathLike[str] | None = None) -> str:
             distinct; a batch of robots.
         OSError: the file cannot be written.
     """
+    check_is_robot(robot)
+    if path is not None:
+        check_path("path", path)
     screws, home, names = robot.known_screws(), np.asarray(robot.home, float), robot.joint_names
     if screws.ndim != 2:
         raise ValueError(f"robot: expected one robot, got screws of shape {screws.shape}")

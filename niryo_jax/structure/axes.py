@@ -14,6 +14,8 @@ import numpy as np
 
 from niryo_jax.tolerances import (
     AXES_MEET,
+    AXES_NEARLY_MEET,
+    AXES_NEARLY_PARALLEL,
     AXES_PARALLEL,
     PITCH,
     SCREW_NORM,
@@ -130,13 +132,39 @@ def perpendicular_to(screw: Any, point: Any, xp: ModuleType = np) -> Any:
 
 
 def relations(screws: np.ndarray) -> list[str]:
-    """How neighbouring axes lie, a line each."""
+    """How neighbouring axes lie, a line each; axes are counted from 1.
+
+    Axes that should be parallel or meet, and were written with rounded numbers, are told by the
+    angle (rad) or the distance by which they miss.
+    """
     kinds, lines = joint_kinds(screws), list[str]()
     for i, (first, second) in enumerate(itertools.pairwise(screws)):
         if "prismatic" in kinds[i : i + 2]:
             continue
-        how = relation(first, second)
-        apart = distance_between(first, second)
+        how, apart = relation(first, second).value, distance_between(first, second)
+        sine = sine_between(first[:3], second[:3])
+        if AXES_PARALLEL.of(screws.dtype) <= sine <= AXES_NEARLY_PARALLEL:
+            # Where such axes meet is nowhere near the arm.
+            how = f"miss parallel by {sine:.2g} rad"
+            apart = np.linalg.norm(np.cross(first[:3], axis_point(second) - axis_point(first)))
         gap = f", {apart * 1e3:.4g} mm apart" if apart > AXES_MEET.of(screws.dtype) else ""
-        lines.append(f"axes {i + 1} and {i + 2} {how.value}{gap}")
+        lines.append(f"axes {i + 1} and {i + 2} {how}{gap}")
+    return lines + _missed_points(screws)
+
+
+def _missed_points(screws: np.ndarray) -> list[str]:
+    """Which three neighbouring axes nearly meet in one point, and by how much they miss it."""
+    kinds, lines = joint_kinds(screws), list[str]()
+    for i in range(len(screws) - 2):
+        three, pairs = screws[i : i + 3], list(itertools.pairwise(screws[i : i + 3]))
+        if set(kinds[i : i + 3]) != {"revolute"}:
+            continue
+        if any(sine_between(a[:3], b[:3]) <= AXES_NEARLY_PARALLEL for a, b in pairs):
+            continue
+        first, second = (meeting_point(a, b) for a, b in pairs)
+        gaps = [distance_between(a, b) for a, b in pairs]
+        miss = max(float(np.linalg.norm(second - first)), *gaps)
+        if AXES_MEET.of(three.dtype) <= miss <= AXES_NEARLY_MEET:
+            names = f"axes {i + 1}, {i + 2} and {i + 3}"
+            lines.append(f"{names} miss one point by {miss * 1e3:.2g} mm")
     return lines

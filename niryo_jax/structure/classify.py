@@ -137,10 +137,11 @@ def describe(screws: np.ndarray) -> list[str]:
         family, singular = plans[0].family.describe()
         most = 2 ** plans[0].family.signs
         how = f"every solution, in closed form, at most {most}"
-        joints = [plan.locked + 1 for plan in plans if plan.locked is not None]
+        joints = [plan.locked for plan in plans if plan.locked is not None]
         if joints:
-            family = f"with joint {joints[0]} locked and the others renumbered, {family}"
-            how += f" for each value of a locked joint (one of {joints})"
+            family = f"without axis {joints[0] + 1} and the others renumbered, {family}"
+            known = ", ".join(map(str, sorted(joints)))
+            how += f" for each value of a locked joint (its index, counted from 0, one of {known})"
             how += " or each arm angle" * plans[-1].by_arm_angle
     elif nearly_offset_wrist_axes(screws) is not None:
         return [

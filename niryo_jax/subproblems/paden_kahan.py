@@ -6,13 +6,12 @@ Formulas: Todorovic et al. (2024), eqs. 3-29, after Paden and Kahan; Murray, Li 
 
 from __future__ import annotations
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax import lanes
 from niryo_jax.lanes import Lanes
+from niryo_jax.lanes.batching import as_floating, compiled
 from niryo_jax.subproblems.axes import angle_about, axis_of, off_axis, scale_of, wrap
 from niryo_jax.subproblems.circles import (
     choose_crossing,
@@ -23,7 +22,7 @@ from niryo_jax.subproblems.result import Solved, SubproblemSolutions, answer, so
 from niryo_jax.subproblems.turns import are_parallel, listed, turns_through
 
 
-@jax.jit
+@compiled
 def paden_kahan_1(screw: ArrayLike, p: ArrayLike, k: ArrayLike) -> SubproblemSolutions:
     """Rotate a point to another: exp([S] t) p = k.
 
@@ -41,7 +40,7 @@ def paden_kahan_1(screw: ArrayLike, p: ArrayLike, k: ArrayLike) -> SubproblemSol
     return solve(paden_kahan_1_lanes, ("screw", screw, (6,)), ("p", p, (3,)), ("k", k, (3,)))
 
 
-@jax.jit
+@compiled
 def paden_kahan_2(
     screw_1: ArrayLike, screw_2: ArrayLike, p: ArrayLike, k: ArrayLike
 ) -> SubproblemSolutions:
@@ -71,7 +70,7 @@ def paden_kahan_2(
     )
 
 
-@jax.jit
+@compiled
 def paden_kahan_3(
     screw: ArrayLike, p: ArrayLike, k: ArrayLike, distance: ArrayLike
 ) -> SubproblemSolutions:
@@ -94,7 +93,7 @@ def paden_kahan_3(
         ("screw", screw, (6,)),
         ("p", p, (3,)),
         ("k", k, (3,)),
-        ("distance", jnp.asarray(distance)[..., None], (1,)),
+        ("distance", as_floating("distance", distance)[..., None], (1,)),
     )
 
 

@@ -7,13 +7,12 @@ kinematics; the formulas here are derived from them. A translation is a screw wi
 
 from __future__ import annotations
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax import lanes
 from niryo_jax.lanes import Lanes
+from niryo_jax.lanes.batching import as_floating, compiled
 from niryo_jax.subproblems.axes import angle_about, axis_of, off_axis, rotate, scale_of, wrap
 from niryo_jax.subproblems.circles import circles_in_a_plane
 from niryo_jax.subproblems.result import Solved, SubproblemSolutions, answer, solve
@@ -21,7 +20,7 @@ from niryo_jax.subproblems.turns import are_parallel, listed, turns_through
 from niryo_jax.tolerances import SUBPROBLEM_PARALLEL
 
 
-@jax.jit
+@compiled
 def pardos_gotor_1(screw: ArrayLike, p: ArrayLike, k: ArrayLike) -> SubproblemSolutions:
     """Translate a point to another: exp([S] t) p = p + t v = k.
 
@@ -38,7 +37,7 @@ def pardos_gotor_1(screw: ArrayLike, p: ArrayLike, k: ArrayLike) -> SubproblemSo
     return solve(pardos_gotor_1_lanes, ("screw", screw, (6,)), ("p", p, (3,)), ("k", k, (3,)))
 
 
-@jax.jit
+@compiled
 def pardos_gotor_2(
     screw_1: ArrayLike, screw_2: ArrayLike, p: ArrayLike, k: ArrayLike
 ) -> SubproblemSolutions:
@@ -64,7 +63,7 @@ def pardos_gotor_2(
     )
 
 
-@jax.jit
+@compiled
 def pardos_gotor_3(
     screw: ArrayLike, p: ArrayLike, k: ArrayLike, distance: ArrayLike
 ) -> SubproblemSolutions:
@@ -86,11 +85,11 @@ def pardos_gotor_3(
         ("screw", screw, (6,)),
         ("p", p, (3,)),
         ("k", k, (3,)),
-        ("distance", jnp.asarray(distance)[..., None], (1,)),
+        ("distance", as_floating("distance", distance)[..., None], (1,)),
     )
 
 
-@jax.jit
+@compiled
 def pardos_gotor_4(
     screw_1: ArrayLike, screw_2: ArrayLike, p: ArrayLike, k: ArrayLike
 ) -> SubproblemSolutions:
@@ -118,7 +117,7 @@ def pardos_gotor_4(
     )
 
 
-@jax.jit
+@compiled
 def pardos_gotor_5(screw: ArrayLike, p: ArrayLike, k: ArrayLike) -> SubproblemSolutions:
     """Rotate a point into the plane through the axis and another point.
 

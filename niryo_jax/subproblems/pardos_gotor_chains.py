@@ -6,13 +6,13 @@ kinematics; the formulas here are derived from them.
 
 from __future__ import annotations
 
-import jax
 import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax import lanes
 from niryo_jax.chain import compose
 from niryo_jax.lanes import Lane, Lanes
+from niryo_jax.lanes.batching import compiled
 from niryo_jax.lie import se3
 from niryo_jax.subproblems.axes import (
     Axis,
@@ -37,7 +37,7 @@ from niryo_jax.subproblems.turns import are_parallel, is_on, turns_through
 from niryo_jax.tolerances import SUBPROBLEM_RESIDUAL, SUBPROBLEM_STEEP
 
 
-@jax.jit
+@compiled
 def pardos_gotor_6(
     screw_1: ArrayLike, screw_2: ArrayLike, p: ArrayLike, k: ArrayLike
 ) -> SubproblemSolutions:
@@ -68,7 +68,7 @@ def pardos_gotor_6(
     )
 
 
-@jax.jit
+@compiled
 def pardos_gotor_7(
     screw_1: ArrayLike, screw_2: ArrayLike, screw_3: ArrayLike, p: ArrayLike, k: ArrayLike
 ) -> SubproblemSolutions:
@@ -99,7 +99,7 @@ def pardos_gotor_7(
     )
 
 
-@jax.jit
+@compiled
 def pardos_gotor_8(
     screw_1: ArrayLike,
     screw_2: ArrayLike,

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+import sys
 import time
 import warnings
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import numpy as np
 
+from niryo_jax.arguments import check_count, check_path, shown
 from niryo_jax.ik import Method
 from niryo_jax.robot import Robot
 from niryo_jax.workspace.orientations import Orientations
@@ -90,6 +93,7 @@ def resume(
 
     Arguments, result and errors as `capability_map`; all else is read from the store.
     """
+    check_path("store", store)
     part, found = _part(share), MapStore.open(Path(store))
     spec = found.spec()
     found.refuse_other(spec)
@@ -110,6 +114,7 @@ def open_map(
         StoreError: there is no map, it is damaged, or it is not finished.
         ImportError: the extra `workspace` is not installed.
     """
+    check_path("store", store)
     found = MapStore.open(Path(store), read_only=True)
     if check and (damaged := found.damaged(found.spec().chunks())):
         raise StoreError(
@@ -149,6 +154,8 @@ def estimate(spec: MapSpec) -> Estimate:
     Args:
         spec: `MapSpec.of` the arguments of `capability_map`.
     """
+    if not isinstance(spec, MapSpec):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise TypeError(f"spec: expected a MapSpec, got {shown(spec)}")
     program, chunks = TileProgram(spec), list(spec.chunks())
     some = chunks[:: max(1, len(chunks) // _TRIED)]
     started = time.perf_counter()
@@ -183,9 +190,19 @@ def _middle(chunk: Chunk, voxels: int) -> Chunk:
 
 def _part(share: Share | None) -> Share:
     """The share that was asked for, or that of this process."""
-    index, count = share or (jax.process_index(), jax.process_count())
+    index, count = share = _pair(share) or (jax.process_index(), jax.process_count())
     if not 0 <= index < count:
         raise ValueError(f"share: expected (index, count) with 0 <= index < count, got {share}")
+    return index, count
+
+
+def _pair(share: Any) -> Share | None:
+    """A share, which has to be two whole numbers."""
+    if share is None:
+        return None
+    if not isinstance(share, Sequence) or isinstance(share, str) or len(share) != 2:
+        raise TypeError(f"share: expected (index, count), got {shown(share)}")
+    index, count = (check_count("share", x, 0, sys.maxsize) for x in share)
     return index, count
 
 
@@ -222,6 +239,8 @@ def _fill(
 
 
 def _path(store: str | PathLike[str] | None) -> Path | None:
+    if store is not None:
+        check_path("store", store)
     return None if store is None else Path(store)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from niryo_jax.workspace.extras import need
-from niryo_jax.workspace.fields import SHARES, variable
+from niryo_jax.workspace.fields import SHARES, check_map, variable
 from niryo_jax.workspace.grid import Grid
 from niryo_jax.workspace.variables import VOXELS
 
@@ -141,6 +141,8 @@ def _union(a: Grid, b: Grid) -> Grid:
 
 
 def _check_comparable(a: xr.Dataset, b: xr.Dataset) -> None:
+    check_map("a", a)
+    check_map("b", b)
     for map in (a, b):
         variable(map, "reachability_index", VOXELS)
     for name in ("voxel", *_SAME):

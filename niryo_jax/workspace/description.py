@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from niryo_jax.robot import Robot
+from niryo_jax.workspace.fields import check_map
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -64,6 +65,7 @@ def robot_of(map: xr.Dataset) -> Robot:
     Raises:
         ValueError: the dataset does not say.
     """
+    check_map("map", map)
     if "robot" not in map.attrs:
         raise ValueError("map: expected a workspace map, whose attributes name its robot")
     return robot_from(str(map.attrs["robot"]))

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from niryo_jax.arguments import check_path
 from niryo_jax.workspace.drawing import colours
 from niryo_jax.workspace.extras import need
-from niryo_jax.workspace.fields import shown
+from niryo_jax.workspace.fields import check_map, shown
 from niryo_jax.workspace.files import whole
 from niryo_jax.workspace.variables import VOXELS
 
@@ -39,6 +40,8 @@ def to_npz(map: xr.Dataset, path: str | Path) -> None:
         TypeError: an attribute is not a number, text, or list of them.
         OSError: the file cannot be written.
     """
+    check_map("map", map)
+    check_path("path", path)
     if _METADATA in map.variables:
         raise ValueError(f"map: expected no array named {_METADATA!r}, which holds the attributes")
     metadata = {
@@ -73,6 +76,7 @@ def from_npz(path: str | Path) -> xr.Dataset:
         OSError: the file cannot be read.
         ImportError: xarray is not installed.
     """
+    check_path("path", path)
     xarray = need("xarray")
     parts: dict[bool, dict[str, Any]] = {True: {}, False: {}}
     with Path(path).open("rb") as file:
@@ -116,6 +120,8 @@ def to_ply(
         ImportError: matplotlib is not installed.
         OSError: the file cannot be written.
     """
+    check_map("map", map)
+    check_path("path", path)
     where = shown(map, of).transpose(*VOXELS).values
     values = map[of].transpose(*VOXELS).values
     if at_least is not None:

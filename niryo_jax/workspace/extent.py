@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from niryo_jax.robot import Robot
+from niryo_jax.arguments import shown
+from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.structure.axes import joint_kinds
 from niryo_jax.workspace.grid import Grid, check_box, check_voxel
 
@@ -77,9 +78,10 @@ def box(robot: Robot, bounds: tuple[ArrayLike, ArrayLike] | None, voxel: float) 
         # An arm that moves in a plane gets one layer of voxels.
         widened = np.maximum(high, low + 1e-6 * voxel)
     else:
-        if len(bounds) != 2:
-            raise ValueError(f"bounds: expected two corners, lower and upper; got {bounds}")
-        low, high = check_box(*bounds)
+        corners = tuple(bounds) if np.iterable(bounds) else ()
+        if len(corners) != 2:
+            raise ValueError(f"bounds: expected two corners, lower and upper; got {shown(bounds)}")
+        low, high = check_box(*corners)
         name, widened = "the bounds", high
     longest = float(np.max(high - low))
     if voxel > longest:
@@ -97,6 +99,7 @@ def joint_ranges(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
             limits.
         TypeError: a traced robot.
     """
+    check_is_robot(robot)
     screws = robot.known_screws()
     if screws.ndim != 2:
         raise ValueError(f"robot: expected one arm, got screws of shape {screws.shape}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from niryo_jax.arguments import shown as shown_value
 from niryo_jax.workspace.variables import MEASURES, VARIABLES, VOXELS
 
 if TYPE_CHECKING:
@@ -16,6 +17,12 @@ SHARES = frozenset(
     if one.dims == VOXELS and name.rsplit("_", 1)[0] not in MEASURES
 )
 """The variables per voxel that are 0, rather than NaN, where nothing is reached."""
+
+
+def check_map(name: str, value: object) -> None:
+    """Raise a TypeError unless it is a Dataset."""
+    if not (hasattr(value, "data_vars") and hasattr(value, "attrs")):
+        raise TypeError(f"{name}: expected an xarray.Dataset, got {shown_value(value)}")
 
 
 def variable(map: xr.Dataset, name: str, dims: Sequence[str]) -> xr.DataArray:

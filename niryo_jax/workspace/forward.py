@@ -6,6 +6,7 @@ can be reached: a voxel without samples may still be reachable.
 
 from __future__ import annotations
 
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
@@ -15,10 +16,11 @@ import numpy as np
 from jax import lax
 from jax.typing import ArrayLike
 
+from niryo_jax.arguments import check_count
 from niryo_jax.chain import joint_motion
 from niryo_jax.execution.devices import cores
 from niryo_jax.lanes import Lane
-from niryo_jax.robot import Robot
+from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.specialise import Geometry, specialised
 from niryo_jax.workspace.extent import box, joint_ranges
 from niryo_jax.workspace.extras import need
@@ -72,6 +74,7 @@ def forward_map(
         ImportError: xarray is not installed.
     """
     xarray = need("xarray")
+    check_is_robot(robot)
     _check_samples(samples, seed)
     low, high = joint_ranges(robot)
     grid = box(robot, bounds, voxel)
@@ -89,7 +92,7 @@ def forward_map(
         "block": _BLOCK if jax.default_backend() == "cpu" else _BLOCK_ON_ACCELERATOR,
     }
 
-    def count(first: int) -> np.ndarray:
+    def counted(first: int) -> np.ndarray:
         start = jnp.asarray(_words(robot.joints, np.array([first], np.uint64), seed)[0])
         number = jnp.asarray(min(part, samples - first), jnp.uint32)
         return np.asarray(_count(robot, *ranges, start, number, **options))
@@ -101,7 +104,7 @@ def forward_map(
         alike = pool.submit(jnp.result_type, float).result() == dtype
         for begin in range(0, len(starts), threads):
             some = starts[begin : begin + threads]
-            for result in (pool.map if alike else map)(count, some):
+            for result in (pool.map if alike else map)(counted, some):
                 counts += result
             if progress is not None:
                 progress(min(some[-1] + part, samples), samples)
@@ -144,11 +147,10 @@ def joint_samples(robot: Robot, samples: int, *, first: int = 0, seed: int = 0) 
         ValueError: less than one sample or more than 2^24, a negative first or seed, a prismatic
             joint without limits.
     """
+    check_is_robot(robot)
     _check_samples(samples, seed)
-    if samples > _PART:
-        raise ValueError(f"samples: expected at most {_PART} at once, got {samples}")
-    if first < 0:
-        raise ValueError(f"first: expected a number of at least 0, got {first}")
+    check_count("samples", samples, 1, _PART)
+    check_count("first", first, 0, sys.maxsize - _PART)
     low, high = (jnp.asarray(limit, float) for limit in joint_ranges(robot))
     words = _words(robot.joints, np.arange(first, first + samples, dtype=np.uint64), seed)
     return _joint_value(jnp.asarray(words), low, high)
@@ -156,10 +158,8 @@ def joint_samples(robot: Robot, samples: int, *, first: int = 0, seed: int = 0) 
 
 def _check_samples(samples: int, seed: int) -> None:
     """Raise a ValueError unless there is a sample to draw and the seed is not negative."""
-    if samples < 1:
-        raise ValueError(f"samples: expected at least 1, got {samples}")
-    if seed < 0:
-        raise ValueError(f"seed: expected a number of at least 0, got {seed}")
+    check_count("samples", samples, 1, sys.maxsize)
+    check_count("seed", seed, 0, sys.maxsize)
 
 
 def _steps(joints: int) -> np.ndarray:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from niryo_jax.arguments import as_data, check_positive
 from niryo_jax.workspace.variables import VOXELS
 
 _ROUNDING = 1e-9
@@ -104,8 +105,7 @@ class Grid:
 
 def check_voxel(voxel: float) -> None:
     """Raise a ValueError unless the edge of a voxel is positive and finite."""
-    if not (math.isfinite(voxel) and voxel > 0):
-        raise ValueError(f"voxel: expected a positive length in metres, got {voxel}")
+    check_positive("voxel", voxel, "a positive length in metres")
 
 
 def check_box(lower: ArrayLike, upper: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
@@ -114,7 +114,7 @@ def check_box(lower: ArrayLike, upper: ArrayLike) -> tuple[np.ndarray, np.ndarra
     Raises:
         ValueError: another shape, numbers that are not finite, nothing between the corners.
     """
-    low, high = np.asarray(lower, np.float64), np.asarray(upper, np.float64)
+    low, high = (np.asarray(as_data("bounds", x), np.float64) for x in (lower, upper))
     if low.shape != (3,) or high.shape != (3,):
         raise ValueError(
             "bounds: expected two corners of shape (3,), lower and upper; "

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from niryo_jax._jax import is_concrete
+from niryo_jax._jax import Compiled, is_concrete
+from niryo_jax.arguments import check_choice, check_positive
 from niryo_jax.execution.compaction import for_each_chunk
 from niryo_jax.execution.devices import on_all_cores
 from niryo_jax.execution.padding import cut_rows, padded_rows
@@ -21,7 +21,8 @@ from niryo_jax.ik.results.limits import limit_margin
 from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes.batching import as_floating, check_shape, on_joints
 from niryo_jax.lanes.singular import singular_values
-from niryo_jax.robot import Robot
+from niryo_jax.programs import PROGRAMS
+from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.specialise import Geometry, specialised
 
 _POSTURES = 512
@@ -77,9 +78,16 @@ def pose_measures(
     """
     check_robot(robot)
     check_length(length)
+    if method is not None:
+        check_choice("method", method, get_args(Method))
     pose = as_floating("pose", pose)
     check_shape("pose", pose, (4, 4))
-    program = _program(robot, method, length)
+
+    def compiled() -> Compiled:
+        return Compiled(functools.partial(measure, robot, method=method, length=length), {})
+
+    def program(part: jax.Array) -> PoseMeasures:
+        return PROGRAMS.run((measure, robot, method, length), compiled, is_concrete(part), part)
 
     def solve(pose: jax.Array) -> PoseMeasures:
         batch = pose.shape[:-2]
@@ -92,8 +100,7 @@ def pose_measures(
 
 def check_robot(robot: Robot) -> None:
     """Refuse what is not a concrete robot whose limits are numbers."""
-    if not isinstance(robot, Robot):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise TypeError(f"robot: expected a niryo_jax.Robot, got {type(robot).__name__}")
+    check_is_robot(robot)
     robot.known_screws()
     if not is_concrete(robot.lower, robot.upper):
         raise TypeError("robot: expected concrete joint limits, got traced ones")
@@ -104,20 +111,12 @@ def check_robot(robot: Robot) -> None:
 
 def check_length(length: float) -> None:
     """Refuse a length that is none."""
-    if not 0 < length < np.inf:
-        raise ValueError(f"length: expected a positive number of metres, got {length}")
+    check_positive("length", length, "a positive number of metres")
 
 
 def _padded(size: int) -> int:
     """Two sizes are compiled: for a few poses, and for so many at a time."""
     return _FEW_POSES if size <= _FEW_POSES else -(-size // _POSES) * _POSES
-
-
-@functools.lru_cache(maxsize=16)
-def _program(
-    robot: Robot, method: Method | None, length: float
-) -> Callable[[jax.Array], PoseMeasures]:
-    return jax.jit(functools.partial(measure, robot, method=method, length=length))
 
 
 def measure(robot: Robot, pose: jax.Array, *, method: Method | None, length: float) -> PoseMeasures:

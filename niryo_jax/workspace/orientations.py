@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from niryo_jax.arguments import as_data, check_choice, check_count, check_fits
 from niryo_jax.tolerances import MOTION
 
 KINDS = ("super-fibonacci", "directions", "random")
 """The sets that `orientations` can make."""
+
+_NUMBERS = 100
+"""To make one orientation, a few copies of its rotation and its quaternion are held."""
 
 _PHI = math.sqrt(2.0)
 _PSI = 1.533751168755204288118041  # the root of psi^4 = psi + 4
@@ -77,13 +82,11 @@ def orientations(
         ValueError: a number or rolls below 1, rolls that do not divide the number or go with
             another kind, an unknown kind, a negative seed, an axis that is not a direction.
     """
-    if number < 1:
-        raise ValueError(f"number: expected at least 1 orientation, got {number}")
-    if kind not in KINDS:
-        raise ValueError(f"kind: expected one of {', '.join(KINDS)}; got {kind!r}")
-    if seed < 0:
-        raise ValueError(f"seed: expected a number of at least 0, got {seed}")
-    if rolls < 1 or number % rolls:
+    number = check_fits("number", number, 1, _NUMBERS)
+    check_choice("kind", kind, KINDS)
+    seed = check_count("seed", seed, 0, sys.maxsize)
+    rolls = check_count("rolls", rolls, 1, sys.maxsize)
+    if number % rolls:
         raise ValueError(
             f"rolls: expected a number that divides the {number} orientations, got {rolls}"
         )
@@ -109,7 +112,7 @@ def given(rotations: ArrayLike) -> Orientations:
     Raises:
         ValueError: another shape, no rotation at all, or matrices that are not rotations.
     """
-    array = np.array(rotations, np.float64)
+    array = np.asarray(as_data("rotations", rotations), np.float64)
     if array.ndim < 2 or array.ndim > 3 or array.shape[-2:] != (3, 3) or array.size == 0:
         raise ValueError(f"rotations: expected shape (M, 3, 3) with M >= 1, got {array.shape}")
     array = array.reshape(-1, 3, 3)
@@ -155,7 +158,7 @@ def quaternions_of(rotations: np.ndarray) -> np.ndarray:
 
 
 def _direction(axis: Sequence[float]) -> np.ndarray:
-    vector = np.asarray(axis, np.float64)
+    vector = np.asarray(as_data("axis", axis), np.float64)
     length = np.linalg.norm(vector)
     if vector.shape != (3,) or not np.isfinite(length) or length == 0:
         raise ValueError(f"axis: expected a direction of shape (3,), got {axis}")

@@ -9,15 +9,25 @@ kinematics, at the task poses themselves and not at the centres of voxels.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from niryo_jax.robot import Robot, check_motion
+from niryo_jax.arguments import (
+    as_data,
+    check_count,
+    check_fits,
+    check_motion,
+    check_number,
+    check_positive,
+)
+from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.tolerances import AXES_PARALLEL
 from niryo_jax.workspace.description import robot_of
+from niryo_jax.workspace.fields import check_map
 from niryo_jax.workspace.measures import pose_measures
 from niryo_jax.workspace.progress import Progress
 
@@ -102,11 +112,15 @@ def base_placement(
             which nothing is reached.
     """
     tasks = _check_tasks(task_poses)
+    check_map("map", map)
+    if robot is not None:
+        check_is_robot(robot)
     step = float(map.attrs["voxel"]) if step is None else step
     _check_numbers(step, headings, height, most)
     robot = robot_of(map) if robot is None else robot
     seen = _Seen.by(map)
     places = _places(_region(region, tasks, seen.reach), step)
+    headings = check_fits("headings", headings, 1, len(places))
     turns = np.arange(1 if _turns_freely(robot) else headings) * (2 * np.pi / headings)
     counts = seen.counts(tasks, places, turns, height)
 
@@ -262,7 +276,7 @@ def _region(
     if region is None:
         at = tasks[:, :2, 3]
         return np.stack([at.min(axis=0) - reach, at.max(axis=0) + reach])
-    corners = np.asarray(region, np.float64)
+    corners = np.asarray(as_data("region", region), np.float64)
     if corners.shape != (2, 2) or not np.all(np.isfinite(corners)):
         raise ValueError(f"region: expected ((x0, y0), (x1, y1)), finite, got {region}")
     if np.any(corners[0] > corners[1]):
@@ -284,7 +298,7 @@ def _places(region: np.ndarray, step: float) -> np.ndarray:
 
 
 def _check_tasks(task_poses: ArrayLike) -> np.ndarray:
-    tasks = np.asarray(task_poses, np.float64)
+    tasks = np.asarray(as_data("task_poses", task_poses), np.float64)
     if tasks.ndim != 3 or tasks.shape[1:] != (4, 4):
         raise ValueError(f"task_poses: expected shape (t, 4, 4), got {tasks.shape}")
     if not len(tasks):
@@ -294,10 +308,7 @@ def _check_tasks(task_poses: ArrayLike) -> np.ndarray:
 
 
 def _check_numbers(step: float, headings: int, height: float, most: int) -> None:
-    if not (math.isfinite(step) and step > 0):
-        raise ValueError(f"step: expected a positive length in metres, got {step}")
-    for name, count in (("headings", headings), ("most", most)):
-        if count < 1:
-            raise ValueError(f"{name}: expected at least 1, got {count}")
-    if not math.isfinite(height):
-        raise ValueError(f"height: expected finite metres, got {height}")
+    check_positive("step", step, "a positive length in metres")
+    check_count("headings", headings, 1, sys.maxsize)
+    check_count("most", most, 1, sys.maxsize)
+    check_number("height", height, "finite metres", math.isfinite)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import functools
+import inspect
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec
 
 import numpy as np
 
+from niryo_jax import arguments
 from niryo_jax.workspace.drawing import (
     BLUE,
     GREY,
@@ -23,7 +25,7 @@ from niryo_jax.workspace.drawing import (
     title,
 )
 from niryo_jax.workspace.extras import need
-from niryo_jax.workspace.fields import variable
+from niryo_jax.workspace.fields import check_map, variable
 from niryo_jax.workspace.files import whole
 from niryo_jax.workspace.orientations import rotations_of
 from niryo_jax.workspace.variables import VOXELS
@@ -60,6 +62,8 @@ _STYLE = {
 def _styled(plot: Callable[_P, Figure]) -> Callable[_P, Figure]:
     @functools.wraps(plot)
     def styled(*args: _P.args, **kwargs: _P.kwargs) -> Figure:
+        given = inspect.signature(plot).bind(*args, **kwargs).arguments
+        check_map(*next(iter(given.items())))
         with need("matplotlib").rc_context(_STYLE):
             figure = plot(*args, **kwargs)
         for axes in figure.axes:  # ticks are made when the figure is drawn, after the context
@@ -270,6 +274,9 @@ def save(figure: Figure, path: str | Path) -> None:
         ValueError: another suffix.
         OSError: the file cannot be written.
     """
+    arguments.check_path("path", path)
+    if not hasattr(figure, "savefig"):
+        raise TypeError(f"figure: expected a matplotlib Figure, got {arguments.shown(figure)}")
     suffix = Path(path).suffix.lower()
     if suffix not in _FORMATS:
         raise ValueError(f"path: expected a suffix of {', '.join(_FORMATS)}, got {str(path)!r}")

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
+from niryo_jax.arguments import check_choice, check_count, check_number
 from niryo_jax.ik import Method, method_for
 from niryo_jax.ik.results.solutions import SLOTS
 from niryo_jax.robot import Robot
@@ -86,12 +88,13 @@ class MapSpec:
         """
         check_robot(robot)
         check_length(length)
-        if not (math.isfinite(dexterous) and dexterous >= 0):
-            raise ValueError(f"dexterous: expected a number of at least 0, got {dexterous}")
+        check_number("dexterous", dexterous, "a number of at least 0", lambda x: 0 <= x < math.inf)
+        if method is not None:
+            check_choice("method", method, get_args(Method))
         grid = box(robot, bounds, voxel)
         chosen = orientation_set
         if not isinstance(chosen, Orientations):
-            chosen = orientations(chosen)
+            chosen = orientations(check_count("orientations", chosen, 1, sys.maxsize))
         return cls(
             robot,
             grid,

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from niryo_jax.workspace.fields import variable
+from niryo_jax.arguments import check_choice, check_number
+from niryo_jax.workspace.fields import check_map, variable
 from niryo_jax.workspace.variables import VOXELS
 
 if TYPE_CHECKING:
@@ -73,6 +74,7 @@ def reachable_volume(
         ValueError: a variable that the map has not, or not for every voxel.
     """
     edge = _voxel_of(map)
+    at_least = check_number("at_least", at_least, "a number", lambda x: not math.isnan(x))
     values = variable(map, of, VOXELS).values
     # A share is compared as it is stored: 0.7 of the orientations is below 0.7 in float32.
     share = values.dtype.type(at_least) if values.dtype.kind == "f" else at_least
@@ -99,8 +101,9 @@ def section(map: xr.Dataset, axis: str, at: float) -> xr.Dataset:
     Raises:
         ValueError: an unknown axis, or a coordinate outside of the map.
     """
-    if axis not in VOXELS:
-        raise ValueError(f"axis: expected x, y or z; got {axis!r}")
+    check_map("map", map)
+    check_choice("axis", axis, VOXELS)
+    at = check_number("at", at, "a number of metres", math.isfinite)
     edge, centres = _voxel_of(map), map[axis].values
     first, count = round(float(centres[0]) / edge - 0.5), len(centres)
     # A multiple of the edge is meant as such, though its quotient may be rounded.
@@ -118,6 +121,7 @@ def _voxel_of(map: xr.Dataset) -> float:
     Raises:
         ValueError: the Dataset is not a map.
     """
+    check_map("map", map)
     missing = [name for name in VOXELS if name not in map.coords]
     if "voxel" not in map.attrs or missing:
         raise ValueError(

@@ -13,7 +13,7 @@ from niryo_jax.chain import link_motions
 from niryo_jax.ik.closed_form.joint_motion import away_from, line_of, meeting_point
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import on_joints
-from niryo_jax.robot import Robot
+from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.specialise import Geometry, specialised
 from niryo_jax.tolerances import VANISHING_LENGTH
 
@@ -36,6 +36,7 @@ def arm_angle(robot: Robot, q: ArrayLike) -> jax.Array:
     Raises:
         ValueError: an arm without an arm angle, or q of another shape.
     """
+    check_is_robot(robot)
     if not any(plan.by_arm_angle for plan in robot.plans):
         raise ValueError(
             "robot: expected seven joints of which axes 1, 2, 3 meet in one point and 5, 6, 7 in "

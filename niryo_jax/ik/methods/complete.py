@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-import operator
 from typing import Any
 
 import jax
@@ -14,15 +13,16 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax._jax import is_concrete
+from niryo_jax.arguments import check_count, shown
 from niryo_jax.execution.devices import batch_sharding, on_all_cores
-from niryo_jax.execution.padding import cut_rows, is_small, padded_rows, program_size
+from niryo_jax.execution.padding import cut_rows, is_small, is_symbolic, padded_rows, program_size
 from niryo_jax.ik.complete.algorithms import Structure
 from niryo_jax.ik.complete.driver import complete_solutions
 from niryo_jax.ik.differentiable import solve_differentiably
 from niryo_jax.ik.newton.implicit import Held
 from niryo_jax.ik.representative import near_reference, within_limits
 from niryo_jax.ik.results.solutions import IKSolutions, map_solutions
-from niryo_jax.lanes.batching import as_floating, check_shape
+from niryo_jax.lanes.batching import as_floating, broadcast_batch, check_shape
 from niryo_jax.robot import Robot
 from niryo_jax.structure.families import ClosedFormPlan
 from niryo_jax.structure.offset_wrist import arm_numbers, concrete_numbers
@@ -62,7 +62,8 @@ class CompleteSolver:
         """The solutions of poses (..., 4, 4), given values (...,) of what is held, and joint
         vectors (..., n) to which self-motions come as near as they can."""
         dtype, batch = pose.dtype, pose.shape[:-2]
-        held: Any = np.zeros((*batch, 0), dtype) if values is None else values[..., None]
+        xp = jnp if is_symbolic(batch) else np
+        held: Any = xp.zeros((*batch, 0), dtype) if values is None else values[..., None]
         sharding = batch_sharding(pose, len(batch))
         parts = sharding.parts if sharding else 1
         given = [x.astype(dtype) for x in (self._numbers(robot), robot.lower, robot.upper)]
@@ -83,12 +84,24 @@ class CompleteSolver:
             )
             return answer if whole else _cut(answer, batch)
 
-        answer = on_all_cores(solve, [pose, held], batch, program_size, map_solutions)
-        if self.held == "arm angle":
-            return answer
-        if reference is not None:
-            return near_reference(robot, pose, answer, reference, self.held)
-        return within_limits(robot, pose, answer, self.held)
+        def represented(answer: IKSolutions, pose: jax.Array, *reference: jax.Array) -> IKSolutions:
+            if self.held == "arm angle":
+                return answer
+            if reference:
+                return near_reference(robot, pose, answer, *reference, self.held)
+            return within_limits(robot, pose, answer, self.held)
+
+        references = [] if reference is None else [reference]
+        rows = [pose, held, *references]
+        if is_symbolic(batch):
+
+            def whole(pose: jax.Array, held: jax.Array, *reference: jax.Array) -> IKSolutions:
+                return represented(solve(pose, held), pose, *reference)
+
+            answer = on_all_cores(whole, rows, batch, program_size, map_solutions)
+            return dataclasses.replace(answer, lower=given[1], upper=given[2])
+        answer = on_all_cores(solve, rows[:2], batch, program_size, map_solutions)
+        return represented(answer, pose, *references)
 
     def _numbers(self, robot: Robot) -> Any:
         """The numbers of an offset-wrist arm that are not known while tracing."""
@@ -120,8 +133,9 @@ def solve_complete(
     given = arm_angle if locked is None else locked[1]
     values = None
     if given is not None:
-        values = as_floating("arm_angle" if locked is None else "locked", given)
-        batch = jnp.broadcast_shapes(pose.shape[:-2], values.shape)
+        name = "arm_angle" if locked is None else "locked"
+        values = as_floating(name, given)
+        batch = broadcast_batch(("pose", pose, 2), (name, values, 0))
         pose = jnp.broadcast_to(pose, (*batch, 4, 4))
         values = jnp.broadcast_to(values, batch).astype(pose.dtype)
     reference = None
@@ -144,11 +158,11 @@ def _structure(robot: Robot, locked: Locked | None, by_arm_angle: bool) -> Struc
     """What is known of the arm while tracing, for the algorithm that fits it."""
     joint = None
     if locked is not None:
-        if not isinstance(locked, tuple):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise TypeError(f"locked: expected (joint index, value), got {locked!r}")
+        if not isinstance(locked, tuple) or len(locked) != 2:  # pyright: ignore
+            raise TypeError(f"locked: expected (joint index, value), got {shown(locked)}")
         if by_arm_angle:
             raise ValueError("locked, arm_angle: expected one of the two, got both")
-        joint = operator.index(locked[0])
+        joint = check_count("locked", locked[0], 0, robot.joints - 1)
     fitting = [
         plan for plan in robot.plans if plan.locked == joint and plan.by_arm_angle == by_arm_angle
     ]

@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from niryo_jax.execution.padding import in_chunks
+from niryo_jax.arguments import check_fits
+from niryo_jax.execution.padding import BLOCK, in_chunks
 from niryo_jax.ik.methods.newton_answer import answer_of_newton
 from niryo_jax.ik.newton.newton_raphson import newton_raphson
 from niryo_jax.ik.results.assemble import assemble
@@ -23,6 +24,9 @@ from niryo_jax.ik.target import make_target
 from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.robot import Robot
 from niryo_jax.structure.axes import joint_kinds
+
+_NUMBERS = 100
+"""Newton-Raphson from one guess works on its Jacobian and the like."""
 
 _STEP = 1.5
 """Far from any answer, longer steps than Newton-Raphson takes by default converge more often."""
@@ -51,8 +55,7 @@ def solve_multistart(robot: Robot, pose: ArrayLike, starts: int = 64) -> IKSolut
         ValueError: a wrong shape, or fewer starts than one.
         TypeError: a traced robot, whose kinds of joints are not known.
     """
-    if starts < 1:
-        raise ValueError(f"starts: expected 1 or more, got {starts}")
+    starts = check_fits("starts", starts, 1, BLOCK * _NUMBERS)
     screws = robot.known_screws()
     if screws.ndim != 2:
         raise ValueError(

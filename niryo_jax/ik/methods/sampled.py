@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from niryo_jax.execution.padding import in_chunks
+from niryo_jax.arguments import check_fits
+from niryo_jax.execution.padding import BLOCK, in_chunks
 from niryo_jax.ik.methods.complete import solve_complete
 from niryo_jax.ik.results.assemble import assemble
 from niryo_jax.ik.results.candidates import JointVectors
@@ -42,8 +43,7 @@ def solve_sampled(robot: Robot, pose: ArrayLike, samples: int = 16) -> IKSolutio
     Raises:
         ValueError: a wrong shape, an arm without such plans, fewer samples than one.
     """
-    if samples < 1:
-        raise ValueError(f"samples: expected 1 or more, got {samples}")
+    samples = check_fits("samples", samples, 1, BLOCK * SLOTS * robot.joints)
     plan = spare(robot)
     if plan is None:
         raise ValueError(

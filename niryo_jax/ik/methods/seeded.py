@@ -30,11 +30,11 @@ from niryo_jax.ik.results.deduplicate import duplicates
 from niryo_jax.ik.results.limits import are_within_limits, limits_of, wrap_into_limits
 from niryo_jax.ik.results.solutions import IKSolutions
 from niryo_jax.ik.results.status import UnreachableReason
-from niryo_jax.ik.target import make_target
+from niryo_jax.ik.target import Target, make_target
 from niryo_jax.lanes import Lane, Lanes
-from niryo_jax.lanes.batching import on_lanes
+from niryo_jax.lanes.batching import as_floating, check_shape, on_lanes
 from niryo_jax.lie import se3
-from niryo_jax.robot import Robot
+from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.specialise import Geometry, specialised
 from niryo_jax.structure.offset_wrist import OffsetWristArm, offset_wrist_arm
 from niryo_jax.subproblems import (
@@ -78,7 +78,13 @@ def seeded_branches(robot: Robot, pose: ArrayLike) -> SeededBranches:
         ValueError: an arm of another family, or a wrong shape.
         TypeError: a traced robot.
     """
-    return _branches(robot, _family(robot), make_target(pose).pose)
+    return _branches(robot, _family(robot), _target(pose).pose)
+
+
+def _target(pose: ArrayLike) -> Target:
+    pose = as_floating("pose", pose)
+    check_shape("pose", pose, (4, 4))
+    return make_target(pose)
 
 
 def _branches(robot: Robot, arm: OffsetWristArm, pose: jax.Array) -> SeededBranches:
@@ -92,7 +98,7 @@ def _branches(robot: Robot, arm: OffsetWristArm, pose: jax.Array) -> SeededBranc
 def solve_seeded(robot: Robot, pose: ArrayLike) -> IKSolutions:
     """`inverse_kinematics` by the published method."""
     arm = _family(robot)
-    target = make_target(pose)
+    target = _target(pose)
     branches = _branches(robot, arm, target.pose)
     offset = float(np.linalg.norm(arm.offset))
     limits = limits_of(robot.lower, robot.upper, target.pose.dtype)
@@ -117,6 +123,7 @@ class BranchStatus(Code):
 
 
 def _family(robot: Robot) -> OffsetWristArm:
+    check_is_robot(robot)
     arm = offset_wrist_arm(robot.known_screws())
     if arm is None:
         raise ValueError(

@@ -19,6 +19,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax import lanes
+from niryo_jax.arguments import check_choice, check_count, check_number
 from niryo_jax.execution.compaction import at_once, running_count
 from niryo_jax.execution.devices import BatchSharding, batch_sharding, on_all_cores, on_each_device
 from niryo_jax.execution.padding import cut_rows, padded_rows, program_size
@@ -26,12 +27,15 @@ from niryo_jax.ik.newton.implicit import rate_of_geometry, zero_tangent
 from niryo_jax.ik.newton.pose_error import Frame, error_twist
 from niryo_jax.ik.target import Target, make_target
 from niryo_jax.lanes import Lane, Lanes
-from niryo_jax.lanes.batching import as_floating, check_shape
-from niryo_jax.robot import Robot
+from niryo_jax.lanes.batching import as_floating, broadcast_batch, check_shape
+from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.specialise import Geometry, specialised
 from niryo_jax.tolerances import DEPENDENT_ROW, NEWTON_POSITION, NEWTON_ROTATION
 
 _WIDTH = 512
+
+_MOST_ITERATIONS = 2**31 - 1
+"""They are counted in 32 bits."""
 
 
 class NewtonResult(NamedTuple):
@@ -89,27 +93,25 @@ def newton_raphson(
         damping: factor of the error that damps the step; 0 for the pure method.
 
     Returns:
-        A `NewtonResult`. Every pose takes part in one program; those that have converged stay.
+        A `NewtonResult`. Every pose takes part in one program; those that have converged stay. A
+        batch whose size is not known, of `jax.export`, is solved one pose after the other.
         Derivatives of q with respect to pose and robot are those of the implicit
         function theorem, where converged; with respect to q0 they are zero.
 
     Raises:
         ValueError: wrong shapes, an unknown frame, options that are not positive.
     """
-    if frame not in ("body", "space"):
-        raise ValueError(f"frame: expected 'body' or 'space', got {frame!r}")
-    if max_iterations < 0:
-        raise ValueError(f"max_iterations: expected 0 or more, got {max_iterations}")
-    if not step_limit > 0:
-        raise ValueError(f"step_limit: expected a positive number, got {step_limit}")
-    if not damping >= 0:
-        raise ValueError(f"damping: expected 0 or more, got {damping}")
+    check_is_robot(robot)
+    check_choice("frame", frame, ("body", "space"))
+    max_iterations = check_count("max_iterations", max_iterations, 0, _MOST_ITERATIONS)
+    step_limit = check_number("step_limit", step_limit, "a positive number", lambda x: x > 0)
+    damping = check_number("damping", damping, "0 or more", lambda x: x >= 0)
     for name, tolerance in (
         ("position_tolerance", position_tolerance),
         ("rotation_tolerance", rotation_tolerance),
     ):
-        if tolerance is not None and not tolerance > 0:
-            raise ValueError(f"{name}: expected a positive number, got {tolerance}")
+        if tolerance is not None:
+            check_number(name, tolerance, "a positive number", lambda x: x > 0)
     options = _Options(
         frame, position_tolerance, rotation_tolerance, max_iterations, step_limit, damping
     )
@@ -117,7 +119,7 @@ def newton_raphson(
     check_shape("pose", pose, (4, 4))
     check_shape("q0", q0, (robot.joints,))
     dtype = jnp.result_type(pose, q0)
-    batch = jnp.broadcast_shapes(pose.shape[:-2], q0.shape[:-1])
+    batch = broadcast_batch(("pose", pose, 2), ("q0", q0, 1))
     poses = jnp.broadcast_to(pose, (*batch, 4, 4)).astype(dtype)
     guesses = jnp.broadcast_to(q0, (*batch, robot.joints)).astype(dtype)
 

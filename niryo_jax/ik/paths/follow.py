@@ -14,6 +14,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax._jax import is_concrete
+from niryo_jax.arguments import check_number
 from niryo_jax.execution.padding import program_size
 from niryo_jax.ik.methods.complete import solve_complete
 from niryo_jax.ik.representative import is_endless, near_reference
@@ -21,7 +22,7 @@ from niryo_jax.ik.results.limits import limit_margin, without_whole_turns
 from niryo_jax.ik.results.solutions import IKSolutions, map_solutions
 from niryo_jax.ik.results.status import Singularity
 from niryo_jax.lanes.batching import as_floating
-from niryo_jax.robot import Robot
+from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.tolerances import BRANCHES_MEET, LIMIT_ROUNDING, PATH_SHARE
 
 _FINER = 16
@@ -79,13 +80,13 @@ def follow(
             that the method does not fit.
         TypeError: traced arrays: the message depends on their values.
     """
+    check_is_robot(robot)
     poses, start = as_floating("poses", poses), as_floating("q_start", q_start)
     if poses.ndim != 3 or poses.shape[1:] != (4, 4):
         raise ValueError(f"poses: expected shape (k, 4, 4), got {poses.shape}")
     if start.shape != (robot.joints,):
         raise ValueError(f"q_start: expected shape ({robot.joints},), got {start.shape}")
-    if not 0 < largest_step <= math.pi:
-        raise ValueError(f"largest_step: expected radians in (0, pi], got {largest_step}")
+    check_number("largest_step", largest_step, "radians in (0, pi]", lambda x: 0 < x <= math.pi)
     if not is_concrete(poses, start, *jax.tree.leaves(robot)):
         raise TypeError(
             "follow: expected concrete arrays, got traced ones; call it outside jax.jit"

@@ -11,7 +11,7 @@ from niryo_jax._jax import is_concrete
 from niryo_jax.ik.methods.complete import solve_complete
 from niryo_jax.ik.results.status import IKStatus
 from niryo_jax.lanes.batching import as_floating, check_shape
-from niryo_jax.robot import Robot
+from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.structure.offset_wrist import OffsetWristArm, offset_wrist_arm
 from niryo_jax.tolerances import REACH_EDGE
 
@@ -49,6 +49,7 @@ def nearest_reachable(
         ValueError: a wrong shape, an arm that the method does not fit.
         TypeError: traced arrays.
     """
+    check_is_robot(robot)
     pose = as_floating("pose", pose)
     check_shape("pose", pose, (4, 4))
     if not is_concrete(pose):
