@@ -88,7 +88,7 @@ class CompleteSolver:
             if self.held == "arm angle":
                 return answer
             if reference:
-                return near_reference(robot, pose, answer, *reference, self.held)
+                return near_reference(robot, pose, answer, reference[0], self.held)
             return within_limits(robot, pose, answer, self.held)
 
         references = [] if reference is None else [reference]
