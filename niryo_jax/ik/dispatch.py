@@ -14,6 +14,7 @@ from niryo_jax.ik.methods.sampled import solve_sampled, spare
 from niryo_jax.ik.methods.seeded import solve_seeded
 from niryo_jax.ik.results.solutions import IKSolutions
 from niryo_jax.robot import Robot
+from niryo_jax.tolerances import ANSWERED
 
 Method = Literal["complete", "continuation", "multistart", "sampled", "seeded"]
 
@@ -25,6 +26,7 @@ def inverse_kinematics(
     *,
     locked: Locked | None = None,
     arm_angle: ArrayLike | None = None,
+    tolerance: float = ANSWERED,
 ) -> IKSolutions:
     """All joint vectors that bring the tool to a pose, for a batch of poses.
 
@@ -76,6 +78,8 @@ def inverse_kinematics(
         if method != "complete":
             raise ValueError(f"locked, arm_angle: are for method 'complete', got {method!r}")
         return solve_complete(robot, pose, locked, arm_angle)
+    if method in ("complete",):
+        return solve_complete(robot, pose, tolerance=tolerance)
     return _SOLVERS[method](robot, pose)
 
 

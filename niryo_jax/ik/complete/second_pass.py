@@ -14,7 +14,12 @@ import jax.numpy as jnp
 from niryo_jax import lanes
 from niryo_jax.execution.compaction import at_once, for_each_chunk
 from niryo_jax.ik.newton import rolled
-from niryo_jax.ik.newton.pose_error import extent, may_take_pose, within_tolerance
+from niryo_jax.ik.newton.pose_error import (
+    extent,
+    may_take_pose,
+    nearest_taken,
+    within_tolerance,
+)
 from niryo_jax.ik.offset_wrist.parameters import OffsetWristParameters
 from niryo_jax.ik.offset_wrist.posture import branch_label, joint_angles
 from niryo_jax.ik.offset_wrist.subdivision import (
@@ -28,7 +33,7 @@ from niryo_jax.ik.offset_wrist.subdivision import (
 )
 from niryo_jax.ik.offset_wrist.wrist_circle import WristCircle, reason_out_of_reach, wrist_circle
 from niryo_jax.ik.results.candidates import Candidates, JointVectors, in_slots
-from niryo_jax.ik.results.deduplicate import distinct
+from niryo_jax.ik.results.deduplicate import distinct, duplicates
 from niryo_jax.ik.results.limits import Limits, without_whole_turns
 from niryo_jax.ik.results.ranking import Answer, rank
 from niryo_jax.ik.results.status import Singularity, UnreachableReason
@@ -108,6 +113,7 @@ def by_polish(
     limits: Limits,
     periodic: tuple[bool, ...],
     slots: int,
+    tolerance: jax.Array,
 ) -> Answer:
     """The answers of poses (rows, 4, 4) from the candidates of a closed form, polished."""
     rows, shape = target.shape[0], candidates.exists.shape
@@ -115,18 +121,24 @@ def by_polish(
     possible = (candidates.exists & live).reshape(-1)
     q = jnp.stack([in_slots(lane.array, shape).reshape(-1) for lane in candidates.q], axis=-1)
     errors = rolled.pose_errors(geometry.at(pose), lanes.unpack(target[pose], 2), q.T)
+    possible = possible & may_take_pose(geometry.joints, *errors, tolerance)
     solved = _Solved(q, *errors, candidates.label.reshape(-1))
     solved = _polished(geometry, target, solved, jnp.where(possible, pose, rows), periodic)
-    found = possible & within_tolerance(*solved.errors, size=extent(target)[pose])
-    lost = possible & ~found & may_take_pose(geometry.joints, *solved.errors)
 
     def by_pose(x: jax.Array) -> jax.Array:
         return jnp.swapaxes(x.reshape(*shape, *x.shape[1:]), 0, 1)
 
     q, position, rotation, label = map(by_pose, solved)
-    vectors = JointVectors(q, by_pose(found), position, rotation, label, candidates.singularity.T)
+    possible, size = by_pose(possible), extent(target)[:, None]
+    if geometry.joints < 6:
+        found, lost = nearest_taken(possible, position, rotation, tolerance, size)
+        found = found & ~duplicates(q, found, periodic)
+    else:
+        found = possible & within_tolerance(position, rotation, size=size)
+        lost = possible & ~found
+    vectors = JointVectors(q, found, position, rotation, label, candidates.singularity.T)
     unreachable = jnp.full(rows, UnreachableReason.NONE, jnp.int32)
-    proved = ~jnp.any(by_pose(lost), axis=1)
+    proved = ~jnp.any(lost, axis=1)
     return Answer(rank(vectors, limits, periodic, slots), unreachable, proved)
 
 
@@ -200,9 +212,11 @@ def _polished(
         def step(_: int, carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
             q, *best = carry
             twist, jacobian, (position, rotation) = rolled.near_twist(its, goal, q)
-            better = position + rotation < best[1] + best[2]
-            best = (jnp.where(better, x, y) for x, y in zip((q, position, rotation), best))
-            inverse = rolled.pseudo_inverse(jacobian, DEPENDENT_ROW.of(dtype))
+            miss, least = position**2 + rotation**2, best[1] ** 2 + best[2] ** 2
+            best = (jnp.where(miss < least, x, y) for x, y in zip((q, position, rotation), best))
+            # Where it cannot be closed, a miss near a fold would ask for steps as wide as its root.
+            damping = jnp.sqrt(position + rotation) if geometry.joints < 6 else None
+            inverse = rolled.pseudo_inverse(jacobian, DEPENDENT_ROW.of(dtype), damping)
             move = jnp.sum(inverse * twist[None], axis=1)
             return q + jnp.clip(move, -_LARGEST_STEP, _LARGEST_STEP), *best
 

@@ -16,6 +16,9 @@ from niryo_jax.lie import se3
 from niryo_jax.specialise import Geometry
 from niryo_jax.tolerances import IK_POSITION, IK_ROTATION, OFF_TASK
 
+_OFF_ROOT, _OFF_POLISHED = 1000.0, 10.0
+"""A root of a closed form misses by fewer times the least that is possible; a polished one too."""
+
 Frame = Literal["body", "space"]
 
 
@@ -77,13 +80,42 @@ def extent(pose: jax.Array) -> jax.Array:
     return jnp.maximum(1.0, jnp.max(jnp.abs(pose[..., :3, 3]), axis=-1))
 
 
-def may_take_pose(joints: int, position: jax.Array, rotation: jax.Array) -> jax.Array:
-    """Whether a root of a closed form that misses may still be a solution, but for rounding.
+def may_take_pose(
+    joints: int, position: jax.Array, rotation: jax.Array, tolerance: jax.Array | float
+) -> jax.Array:
+    """Whether a root of a closed form that misses may still become a solution.
 
     With fewer than six joints the closed form satisfies fewer conditions than a pose has, and most
-    poses are missed by far.
+    poses are missed by far. What it does of a pose that the arm can nearly take misses by a few
+    times as much as the nearest that there is.
     """
     if joints >= 6:
         return jnp.ones(position.shape, bool)
-    far = OFF_TASK.of(position.dtype)
+    far = jnp.maximum(OFF_TASK.of(position.dtype), _OFF_ROOT * tolerance)
     return (position < far) & (rotation < far)
+
+
+def nearest_taken(
+    possible: jax.Array,
+    position: jax.Array,
+    rotation: jax.Array,
+    tolerance: jax.Array,
+    size: jax.Array | float,
+) -> tuple[jax.Array, jax.Array]:
+    """Of polished candidates (rows, m) of arms with fewer than six joints, those that take the
+    pose, or the nearest that the arm can take; and which of the others may.
+
+    A pose that misses what the arm can do by less than `tolerance` metres and radians has an
+    answer. No candidate counts that misses by more than twice as much as the best one: it is on a
+    sheet of the task space that passes by.
+    """
+    dtype = position.dtype
+    exact = within_tolerance(position, rotation, size=size)
+    near = exact | ((position <= tolerance) & (rotation <= tolerance))
+    miss = jnp.where(possible & near, position + rotation, jnp.inf)
+    least = jnp.min(miss, axis=-1, keepdims=True, initial=jnp.inf)
+    found = possible & near & (exact | (miss <= 2 * least))
+    # Where nothing is found, what is called out of reach is so by a good margin.
+    far = jnp.where(jnp.isfinite(least), 0.0, _OFF_POLISHED * tolerance)
+    far = jnp.maximum(OFF_TASK.of(dtype), far)
+    return found, possible & ~found & (position < far) & (rotation < far)

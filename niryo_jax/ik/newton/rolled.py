@@ -128,15 +128,19 @@ def near_twist(
     return _stacked(twist, q[0]), jacobian, _errors((rotation, position), goal, q[0])
 
 
-def pseudo_inverse(matrix: jax.Array, tolerance: float) -> jax.Array:
+def pseudo_inverse(
+    matrix: jax.Array, tolerance: float, damping: jax.Array | None = None
+) -> jax.Array:
     """(m, n, ...) -> (n, m, ...): what gives the least solution, by modified Gram-Schmidt.
 
     A row (a column where m > n) that is independent of those before it by less than the share
-    `tolerance` is left out: the others are solved for, and nothing becomes infinite.
+    `tolerance` is left out: the others are solved for, and nothing becomes infinite. With a damping
+    d (...,) each pivot r is divided by as r / (r^2 + d^2).
     """
     m, n = matrix.shape[:2]
     if m > n:
-        return jnp.swapaxes(pseudo_inverse(jnp.swapaxes(matrix, 0, 1), tolerance), 0, 1)
+        turned = pseudo_inverse(jnp.swapaxes(matrix, 0, 1), tolerance, damping)
+        return jnp.swapaxes(turned, 0, 1)
     batch = matrix.shape[2:]
     number = jnp.arange(m).reshape(m, *[1] * (len(batch) + 1))
     whole = jnp.sum(matrix * matrix, axis=1)
@@ -148,6 +152,8 @@ def pseudo_inverse(matrix: jax.Array, tolerance: float) -> jax.Array:
         independent = square > tolerance * tolerance * whole[i]
         per = jnp.where(independent, 1.0 / jnp.sqrt(jnp.where(independent, square, 1.0)), 0.0)
         unit, of_row = row * per, right[i] * per
+        if damping is not None:
+            of_row = of_row / (1.0 + (damping * per) ** 2)
         inverse = inverse + unit[:, None] * of_row[None]
         # What is left of the rows behind it has no part along it.
         part = jnp.where(number > i, jnp.sum(rows * unit[None], axis=1)[:, None], 0.0)
