@@ -129,12 +129,13 @@ def by_polish(
         return jnp.swapaxes(x.reshape(*shape, *x.shape[1:]), 0, 1)
 
     q, position, rotation, label = map(by_pose, solved)
-    possible, size = by_pose(possible), extent(target)[:, None]
+    possible = by_pose(possible)
+    exact = within_tolerance(position, rotation, size=extent(target)[:, None])
     if geometry.joints < 6:
-        found, lost = nearest_taken(possible, position, rotation, tolerance, size)
+        found, lost = nearest_taken(possible, exact, position, rotation, tolerance)
         found = found & ~duplicates(q, found, periodic)
     else:
-        found = possible & within_tolerance(position, rotation, size=size)
+        found = possible & exact
         lost = possible & ~found
     vectors = JointVectors(q, found, position, rotation, label, candidates.singularity.T)
     unreachable = jnp.full(rows, UnreachableReason.NONE, jnp.int32)

@@ -14,21 +14,33 @@ from jax.typing import ArrayLike
 
 from niryo_jax.execution.padding import in_chunks
 from niryo_jax.ik.methods.newton_answer import answer_of_newton
-from niryo_jax.ik.newton.newton_raphson import newton_raphson
+from niryo_jax.ik.newton.newton_raphson import NewtonResult, newton_raphson
 from niryo_jax.ik.results.assemble import assemble
-from niryo_jax.ik.results.limits import limits_of
+from niryo_jax.ik.results.limits import limits_of, wrap_into_limits
 from niryo_jax.ik.results.ranking import Answer
 from niryo_jax.ik.results.solutions import IKSolutions
 from niryo_jax.ik.target import make_target
+from niryo_jax.ik.task import POSE, Task
 from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.robot import Robot
 from niryo_jax.structure.axes import joint_kinds
+from niryo_jax.tolerances import ANSWERED
+
+_RETURNS = 3
+"""How often joint vectors with joints to spare are brought back into the limits."""
 
 _STEP = 1.5
 """Far from any answer, longer steps than Newton-Raphson takes by default converge more often."""
 
 
-def solve_multistart(robot: Robot, pose: ArrayLike, starts: int = 64) -> IKSolutions:
+def solve_multistart(
+    robot: Robot,
+    pose: ArrayLike,
+    starts: int = 64,
+    *,
+    task: Task = POSE,
+    tolerance: float = ANSWERED,
+) -> IKSolutions:
     """Joint vectors that bring the tool of any open chain to a pose, from many guesses.
 
     A pose costs `starts` runs of Newton-Raphson, nearly all of 30 steps since some never converge:
@@ -41,6 +53,8 @@ def solve_multistart(robot: Robot, pose: ArrayLike, starts: int = 64) -> IKSolut
         pose: (..., 4, 4) targets in the space frame, metres; projected to SE(3) first.
         starts: how many guesses, spread evenly over the joint limits; an unlimited joint over one
             turn or, where it is prismatic, over [-1, 1] m.
+        task: what of the pose is bound.
+        tolerance: metres and radians by which an arm of fewer joints than are bound may miss.
 
     Returns:
         `IKSolutions` with 16 slots; the 16 farthest from the limits where more are found, as for
@@ -66,12 +80,28 @@ def solve_multistart(robot: Robot, pose: ArrayLike, starts: int = 64) -> IKSolut
     guesses = _spread(additive_recurrence(starts, robot.joints), limits, kinds)
 
     target = make_target(pose)
+    few = robot.joints < task.bound
+
+    def newton_from(guesses: jax.Array, poses: jax.Array) -> NewtonResult:
+        return newton_raphson(
+            robot,
+            poses[:, None],
+            guesses,
+            step_limit=_STEP,
+            task=task.name,
+            tool_axis=task.axis,
+        )
 
     def answers(poses: jax.Array) -> Answer:
-        newton = newton_raphson(robot, poses[:, None], guesses, step_limit=_STEP)
-        return answer_of_newton(newton, limits, periodic)
+        newton = newton_from(guesses, poses)
+        # With joints to spare, those that leave their limits can be asked to stay.
+        for _ in range(_RETURNS if robot.joints > task.bound else 0):
+            q = wrap_into_limits(newton.q, *limits, periodic)
+            newton = newton_from(jax.lax.stop_gradient(jnp.clip(q, *limits)), poses)
+        nearest = jnp.asarray(tolerance, pose.dtype) if few else None
+        return answer_of_newton(newton, limits, periodic, nearest)
 
-    return assemble(in_chunks(answers, target.pose), target, limits, periodic)
+    return assemble(in_chunks(answers, target.pose), target, limits, periodic, task.name)
 
 
 def additive_recurrence(count: int, dimensions: int) -> np.ndarray:

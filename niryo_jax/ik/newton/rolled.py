@@ -15,6 +15,7 @@ import numpy as np
 from niryo_jax import lanes
 from niryo_jax.chain import Motion, joint_motion
 from niryo_jax.ik.newton.pose_error import pose_difference
+from niryo_jax.ik.task import Task
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lie import se3
 from niryo_jax.specialise import Geometry
@@ -126,6 +127,25 @@ def near_twist(
     turn = lanes.vee(rotation.T @ goal_rotation)
     twist = np.concatenate([turn, rotation.T @ (goal_position - position)])
     return _stacked(twist, q[0]), jacobian, _errors((rotation, position), goal, q[0])
+
+
+def bound_twist(
+    geometry: Geometry, goal: Lanes, q: jax.Array, task: Task
+) -> tuple[jax.Array, jax.Array]:
+    """What a task binds (k, r) of the twist to goals that are all but reached, and of the Jacobian
+    (k, n, r), in the frame of the goal, which the tool may be turned against.
+
+    The cross product of two unit vectors has the same derivative as the turn between them.
+    """
+    rotation, position, jacobian = pose_and_body_jacobian(geometry, q)
+    goal_rotation, goal_position = se3.split(goal)
+    relative = lanes.materialised(goal_rotation.T @ rotation)
+    across, axis = lanes.lanes_of(task.across()), lanes.lanes_of(task.axis)
+    turn = across @ lanes.cross(relative @ axis, axis)
+    twist = np.concatenate([turn, goal_rotation.T @ (goal_position - position)])
+    columns = [lanes.lanes_of([Lane(x) for x in jacobian[:, i]]) for i in range(geometry.joints)]
+    rows = [np.concatenate([across @ (relative @ x[:3]), relative @ x[3:]]) for x in columns]
+    return _stacked(twist, q[0]), jnp.stack([_stacked(x, q[0]) for x in rows], axis=1)
 
 
 def pseudo_inverse(
