@@ -109,6 +109,19 @@ def test_joints_to_spare_are_sampled_within_the_limits(name, rng):
     assert np.all((first >= robot.lower) & (first <= robot.upper) | ~best[:, None])
 
 
+def test_a_point_beyond_the_stretched_arm_is_proved_out_of_reach(rng):
+    robot = desktop()
+    low, high = robot.lower, robot.upper
+    reached = arms.forward(robot, rng.uniform(low, high, (POSES, 5)))[0]
+    answer = nj.inverse_kinematics(robot, reached, task="position")
+    assert np.all(answer.count > 0)
+    far = reached.copy()
+    far[:, :3, 3] += 2.0
+    answer = nj.inverse_kinematics(robot, far, task="position")
+    assert np.all(answer.status == IKStatus.UNREACHABLE)
+    assert "Asked for: position." in answer.message(0)
+
+
 @pytest.mark.parametrize("arm", ["niryo_one", "desktop"])
 def test_a_last_joint_along_the_tool_axis_is_free(arm, rng):
     robot = desktop() if arm == "desktop" else nj.robots.load(arm)

@@ -44,6 +44,8 @@ from niryo_jax.tolerances import DEPENDENT_ROW, IK_POLISH, IK_POSITION
 _AT_ONCE = 2048
 _POLISHED = 128
 _POLISHING = 6
+_APPROACHING = 12
+_DAMPING_FACTOR = 5.0
 _LARGEST_STEP = 0.2
 _MOST = 16
 _FEW = 12
@@ -200,30 +202,40 @@ def _polished(
     pose: jax.Array,
     periodic: tuple[bool, ...],
 ) -> _Solved:
-    """Newton's method on the full pose for the joint vectors that miss by more than rounding."""
+    """Newton's method on the full pose for the joint vectors that miss by more than rounding.
+
+    Of arms with fewer than six joints a pose may only be approached: then it is the method of
+    Levenberg and Marquardt, which goes back where a step leads away.
+    """
     dtype, rows = solved.q.dtype, target.shape[0]
     tolerance = IK_POLISH.of(dtype)
     rough = (solved.position > tolerance) | (solved.rotation > tolerance)
     rough = rough & (pose < rows)
+    few = geometry.joints < 6
 
     def polish(state: _Solved, at: jax.Array, live: jax.Array) -> _Solved:
         row = jnp.minimum(pose[at], rows - 1)
         goal, its = lanes.unpack(target[row], 2), geometry.at(row)
 
         def step(_: int, carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
-            q, *best = carry
+            q, damping, *best = carry
             twist, jacobian, (position, rotation) = rolled.near_twist(its, goal, q)
             miss, least = position**2 + rotation**2, best[1] ** 2 + best[2] ** 2
-            best = (jnp.where(miss < least, x, y) for x, y in zip((q, position, rotation), best))
-            # Where it cannot be closed, a miss near a fold would ask for steps as wide as its root.
-            damping = jnp.sqrt(position + rotation) if geometry.joints < 6 else None
-            inverse = rolled.pseudo_inverse(jacobian, DEPENDENT_ROW.of(dtype), damping)
+            better = miss <= least if few else miss < least
+            best = [jnp.where(better, x, y) for x, y in zip((q, position, rotation), best)]
+            damping = damping * jnp.where(better, 1.0 / _DAMPING_FACTOR, _DAMPING_FACTOR)
+            damped = damping if few else None
+            inverse = rolled.pseudo_inverse(jacobian, DEPENDENT_ROW.of(dtype), damped)
             move = jnp.sum(inverse * twist[None], axis=1)
-            return q + jnp.clip(move, -_LARGEST_STEP, _LARGEST_STEP), *best
+            moved = q + jnp.clip(move, -_LARGEST_STEP, _LARGEST_STEP)
+            return jnp.where(better, moved, best[0]) if few else moved, damping, *best
 
-        q = state.q[at].T
-        start = q, q, state.position[at], state.rotation[at]
-        _, q, position, rotation = jax.lax.fori_loop(0, _POLISHING, step, start)
+        q, *errors = state.q[at].T, state.position[at], state.rotation[at]
+        # A miss that stays near a fold of what can be reached moves joints by its square root.
+        damping = jnp.sqrt(errors[0] + errors[1])
+        far = [jnp.full_like(error, jnp.inf) if few else error for error in errors]
+        steps = _APPROACHING if few else _POLISHING
+        _, _, q, position, rotation = jax.lax.fori_loop(0, steps, step, (q, damping, q, *far))
         q = without_whole_turns(q.T, periodic)
         where = jnp.where(live, at, pose.shape[0])
         return state.replace(where, _Solved(q, position, rotation, state.label[at]))

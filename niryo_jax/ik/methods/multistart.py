@@ -19,12 +19,13 @@ from niryo_jax.ik.results.assemble import assemble
 from niryo_jax.ik.results.limits import limits_of, wrap_into_limits
 from niryo_jax.ik.results.ranking import Answer
 from niryo_jax.ik.results.solutions import IKSolutions
+from niryo_jax.ik.results.status import UnreachableReason
 from niryo_jax.ik.target import make_target
 from niryo_jax.ik.task import POSE, Task
 from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.robot import Robot
-from niryo_jax.structure.axes import joint_kinds
-from niryo_jax.tolerances import ANSWERED
+from niryo_jax.structure.axes import axis_point, joint_kinds, perpendicular_to
+from niryo_jax.tolerances import ANSWERED, REACH_EDGE
 
 _RETURNS = 3
 """How often joint vectors with joints to spare are brought back into the limits."""
@@ -58,8 +59,8 @@ def solve_multistart(
 
     Returns:
         `IKSolutions` with 16 slots; the 16 farthest from the limits where more are found, as for
-        an arm with more than six joints. Never `complete`; the status is UNDECIDED where nothing
-        is found.
+        an arm with more than six joints. Not `complete`; the status is UNDECIDED where nothing is
+        found, but for positions farther away than all links in a row are long.
 
     Raises:
         ValueError: a wrong shape, or fewer starts than one.
@@ -81,6 +82,8 @@ def solve_multistart(
 
     target = make_target(pose)
     few = robot.joints < task.bound
+    centre, reach = _longest_reach(screws, np.asarray(robot.home)[:3, 3], kinds)
+    edge = REACH_EDGE.of(pose.dtype) * (1.0 + reach) + (tolerance if few else 0.0)
 
     def newton_from(guesses: jax.Array, poses: jax.Array) -> NewtonResult:
         return newton_raphson(
@@ -99,9 +102,30 @@ def solve_multistart(
             q = wrap_into_limits(newton.q, *limits, periodic)
             newton = newton_from(jax.lax.stop_gradient(jnp.clip(q, *limits)), poses)
         nearest = jnp.asarray(tolerance, pose.dtype) if few else None
-        return answer_of_newton(newton, limits, periodic, nearest)
+        answer = answer_of_newton(newton, limits, periodic, nearest)
+        beyond = jnp.linalg.norm(poses[:, :3, 3] - centre, axis=-1) > reach + edge
+        far = jnp.where(beyond, UnreachableReason.TOO_FAR, answer.unreachable)
+        return answer._replace(unreachable=far.astype(jnp.int32), proved=answer.proved | beyond)
 
     return assemble(in_chunks(answers, target.pose), target, limits, periodic, task.name)
+
+
+def _longest_reach(
+    screws: np.ndarray, tool: np.ndarray, kinds: tuple[str, ...]
+) -> tuple[np.ndarray, float]:
+    """A point of axis 1, and a distance from it that the tool's origin never exceeds.
+
+    Each joint keeps the distances of what it moves from the points of its axis, so that from point
+    to point of one axis after the other no more than the sum of their distances is bridged.
+    """
+    if set(kinds) != {"revolute"}:
+        return np.zeros(3), np.inf
+    centre = at = axis_point(screws[0])
+    length = 0.0
+    for screw in screws[1:]:
+        away = perpendicular_to(screw, at)
+        length, at = length + float(np.linalg.norm(away)), at - away
+    return centre, length + float(np.linalg.norm(tool - at))
 
 
 def additive_recurrence(count: int, dimensions: int) -> np.ndarray:
