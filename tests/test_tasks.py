@@ -259,3 +259,13 @@ def test_wrong_use_is_refused_by_name():
             nj.inverse_kinematics(robot, np.eye(4), **options)
     with pytest.raises(TypeError, match="traced robot"):
         jax.jit(lambda arm: nj.inverse_kinematics(arm, np.eye(4), task="position"))(robot)
+
+
+def test_an_arm_in_float32_is_looked_at_as_such(rng):
+    arm = desktop()
+    robot = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), arm)
+    pose = arms.forward(arm, at_steps(arm, rng, POSES))[0].astype(np.float32)
+    answer = nj.inverse_kinematics(robot, pose, task="direction")
+    assert answer.q.dtype == np.float32
+    assert np.mean(answer.complete) > 0.95
+    assert np.all(answer.count > 0)

@@ -97,8 +97,13 @@ def _extended_arm(robot: Robot, screws: np.ndarray, task: Task) -> Extended:
     moments = np.cross(origin, axes)
     none = np.full(len(axes), np.inf)
     chosen = np.array(own, int)
+    every = np.concatenate([screws[chosen], np.concatenate([axes, moments], axis=1)])
+    if isinstance(robot.screws, jax.Array):
+        # Axes in float32 are looked at as such.
+        with jax.ensure_compile_time_eval():
+            every = jnp.asarray(every, robot.screws.dtype)
     arm = Robot.from_screws(
-        np.concatenate([screws[chosen], np.concatenate([axes, moments], axis=1)]),
+        every,
         home,
         lower=np.concatenate([np.asarray(robot.lower)[chosen], -none]),
         upper=np.concatenate([np.asarray(robot.upper)[chosen], none]),
