@@ -128,8 +128,12 @@ IK_ROTATION = ByDtype(1e-12, 1e-6)
 IK_POLISH = ByDtype(1e-13, 5e-7)
 """A candidate that misses by more than this (metres, radians) is polished on the full pose."""
 
-OFF_TASK = ByDtype(1e-6, 1e-2)
-"""An arm of fewer than six joints cannot take a pose that it misses by more (metres, radians)."""
+ANSWERED = 1e-5
+"""A pose that an arm of fewer freedoms can take to within this (metres, radians) is answered by the
+nearest that it can."""
+
+OFF_TASK = ByDtype(1e-6, 1e-3)
+"""A joint vector that misses a pose by more than this (metres, radians) does not for rounding."""
 
 REACH_ROUNDING = ByDtype(1e-13, 1e-6)
 """The wrist is out of reach where 4 a b times this is missing from the square of its distance."""

@@ -65,6 +65,12 @@ FAMILIES = {
     "slide first": "appp",
     "two turns and two slides": "RPRP",
     "cylindrical with a roll": "RPPR",
+    "planar arm on a base, with a roll": "RpqpR",
+    "planar arm on a base": "Rppq",
+    "planar arm with a roll": "pqpR",
+    "two parallel axes between others": "RpqR",
+    "three joints, the last two parallel": "Rpq",
+    "three joints, the first two parallel": "ppR",
 }
 
 

@@ -107,6 +107,7 @@ def test_programs_that_are_compiled_fast_stay_small(name):
         return function(pattern.geometry(list(rest)), *arrays, **options, sharding=None)
 
     arrays = [jnp.eye(4)[None], jnp.zeros((1, 0)), solver._numbers(robot), robot.lower, robot.upper]
+    arrays.append(jnp.asarray(solver.tolerance))
     lowered = jax.jit(program).lower(rest, *map(jnp.asarray, arrays))
     compiled = lowered.compile(compiler_options=dict(COMPILE_FAST))
     assert compiled.as_text().count(" = ") < LARGEST

@@ -31,6 +31,7 @@ QUICK = (
     "slide across axis 2",
     "three parallel axes, from the other end",
     "two turns and two slides",
+    "planar arm on a base, with a roll",
 )
 POSES = 200
 

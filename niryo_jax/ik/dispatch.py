@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 from jax.typing import ArrayLike
 
-from niryo_jax.arguments import check_choice
+from niryo_jax.arguments import check_choice, check_number
 from niryo_jax.ik.methods.complete import Locked, solve_complete
 from niryo_jax.ik.methods.continuation import nominal, solve_by_continuation
 from niryo_jax.ik.methods.multistart import solve_multistart
+from niryo_jax.ik.methods.partial import solve_partial
 from niryo_jax.ik.methods.sampled import solve_sampled, spare
 from niryo_jax.ik.methods.seeded import solve_seeded
 from niryo_jax.ik.results.solutions import IKSolutions
+from niryo_jax.ik.task import TaskName, task_of
 from niryo_jax.robot import Robot, check_is_robot
+from niryo_jax.tolerances import ANSWERED
 
 Method = Literal["complete", "continuation", "multistart", "sampled", "seeded"]
 
@@ -27,6 +31,9 @@ def inverse_kinematics(
     locked: Locked | None = None,
     arm_angle: ArrayLike | None = None,
     q_ref: ArrayLike | None = None,
+    task: TaskName = "pose",
+    tool_axis: ArrayLike | Sequence[float] = (0.0, 0.0, 1.0),
+    tolerance: float = ANSWERED,
 ) -> IKSolutions:
     """All joint vectors that bring the tool to a pose, for a batch of poses.
 
@@ -59,6 +66,16 @@ def inverse_kinematics(
             while the tool rests, the one of its infinitely many solutions that is nearest to q_ref
             stands for them (q_ref itself where it reaches the pose), whole turns considered. Where
             not given it is one within the joint limits, if there is one.
+        task: what of the pose is bound: "pose", all of it; "direction", the position and one axis
+            of the tool; "position", the position alone. Where as many joints matter as the task
+            binds (5 or 3), or fewer, and a closed form fits, the answer is complete. Joints that
+            matter to neither are halfway in their range, and the solution is a SELF_MOTION. Where
+            there are more, it is a sample, by "multistart", and `complete` is False.
+        tool_axis: (3,) the axis that "direction" binds, in the tool frame, of any length.
+        tolerance: a pose that an arm of fewer joints than are bound can take to within this (metres
+            and radians) is answered by the nearest pose that it can, and `position_error` and
+            `rotation_error` say how far away that is. It is UNREACHABLE only where a closed form
+            proves that no pose is that near.
 
     Returns:
         `IKSolutions` with a slot for each solution that there can be: 16 of an arm with a wrist
@@ -70,11 +87,23 @@ def inverse_kinematics(
         method also those with respect to the geometry.
 
     Raises:
-        ValueError: a wrong shape, an unknown method, an arm that the method does not fit, a joint
-            that cannot be locked.
-        TypeError: a traced robot, for a method that needs a concrete one.
+        ValueError: a wrong shape, an unknown method or task, an arm that the method does not fit, a
+            joint that cannot be locked, a tool axis without direction, a negative tolerance.
+        TypeError: a traced robot, for a method or a task that needs a concrete one.
     """
+    bound = task_of(task, tool_axis)
+    tolerance = check_number("tolerance", tolerance, "0 or more, metres and radians", _is_finite)
     chosen = locked is not None or arm_angle is not None
+    if bound.name != "pose":
+        if chosen or method not in (None, "complete", "multistart"):
+            raise ValueError(
+                f"task {task!r}: expected method 'complete' or 'multistart' and neither a locked "
+                f"joint nor an arm angle; got method {method!r}"
+            )
+        if q_ref is not None:
+            raise ValueError(f"q_ref: is for task 'pose', got {task!r}")
+        by_closed_form = None if method is None else method == "complete"
+        return solve_partial(robot, pose, bound, by_closed_form, tolerance)
     if method is None:
         method = "complete" if chosen else method_for(robot)
     check_is_robot(robot)
@@ -82,21 +111,27 @@ def inverse_kinematics(
     if chosen:
         if method != "complete":
             raise ValueError(f"locked, arm_angle: are for method 'complete', got {method!r}")
-        return solve_complete(robot, pose, locked, arm_angle, q_ref)
+        return solve_complete(robot, pose, locked, arm_angle, q_ref, tolerance)
     if method == "complete":
-        return solve_complete(robot, pose, q_ref=q_ref)
+        return solve_complete(robot, pose, q_ref=q_ref, tolerance=tolerance)
     if q_ref is not None:
         raise ValueError(f"q_ref: is for method 'complete', got {method!r}")
+    if method == "multistart":
+        return solve_multistart(robot, pose, tolerance=tolerance)
     return _SOLVERS[method](robot, pose)
 
 
-_SOLVERS: dict[Method, Callable[[Robot, ArrayLike], IKSolutions]] = {
+_SOLVERS: dict[Method, Callable[..., IKSolutions]] = {
     "complete": solve_complete,
     "continuation": solve_by_continuation,
     "multistart": solve_multistart,
     "sampled": solve_sampled,
     "seeded": solve_seeded,
 }
+
+
+def _is_finite(tolerance: float) -> bool:
+    return 0.0 <= tolerance < math.inf
 
 
 def method_for(robot: Robot) -> Method:

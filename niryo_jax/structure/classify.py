@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -13,6 +14,7 @@ from niryo_jax.structure.conditions import GENERIC, fits
 from niryo_jax.structure.families import (
     ClosedFormPlan,
     Family,
+    PlanarArm,
     Schoenflies,
     Shoulder,
     SphericalShoulderAndWrist,
@@ -95,6 +97,8 @@ def _possible(screws: np.ndarray) -> Iterator[Family]:
         yield Schoenflies(slides[0], _turns(screws[turns]))
     elif len(screws) == 4 and len(slides) == 2:
         yield TwoTurnsTwoSlides((turns[0], turns[1]), (slides[0], slides[1]))
+    elif len(screws) < 6 and not slides:
+        yield from _planar_arms(screws)
     elif len(screws) == 6:
         for reverse in (False, True):
             ordered, its_kinds = (screws[::-1], kinds[::-1]) if reverse else (screws, kinds)
@@ -114,9 +118,17 @@ def _shoulders(kinds: Sequence[str]) -> Iterator[Shoulder]:
         yield Shoulder(("revolute", "revolute", "revolute"), "general", False)
 
 
-def _turns(screws: np.ndarray) -> tuple[int, int, int]:
-    a, b, c = (1 if screws[0, :3] @ screw[:3] > 0 else -1 for screw in screws)
-    return a, b, c
+def _planar_arms(screws: np.ndarray) -> Iterator[PlanarArm]:
+    for parallel, roll in itertools.product((3, 2), (False, True)):
+        if len(screws) == 1 + parallel + roll:
+            # With a roll the arm looks the same from its other end.
+            for reverse in (False,) if roll else (False, True):
+                ordered = screws[::-1] if reverse else screws
+                yield PlanarArm(_turns(ordered[1 : 1 + parallel]), roll, reverse)
+
+
+def _turns(screws: np.ndarray) -> tuple[int, ...]:
+    return tuple(1 if screws[0, :3] @ screw[:3] > 0 else -1 for screw in screws)
 
 
 def describe(screws: np.ndarray) -> list[str]:

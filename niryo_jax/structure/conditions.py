@@ -29,6 +29,7 @@ from niryo_jax.structure.axes import (
 from niryo_jax.structure.families import (
     ClosedFormPlan,
     Family,
+    PlanarArm,
     Schoenflies,
     Shoulder,
     SphericalShoulderAndWrist,
@@ -63,6 +64,8 @@ def fits(family: Family, screws: Any, xp: ModuleType = np) -> Holds:
         conditions = _schoenflies(family, screws, xp)
     elif isinstance(family, TwoTurnsTwoSlides):
         conditions = _two_turns_two_slides(family, screws, xp)
+    elif isinstance(family, PlanarArm):
+        conditions = _planar_arm(family, _ordered(screws, family.reverse), xp)
     else:
         conditions = _spherical_shoulder_and_wrist(family, screws, xp)
     return _all(conditions, xp)
@@ -163,8 +166,8 @@ def _three_parallel(family: ThreeParallel, screws: Any, xp: ModuleType) -> Itera
         yield abs(screws[0, 3:] @ normal) >= small
 
 
-def _turning_alike(screws: Any, turns: tuple[int, int, int], xp: ModuleType) -> Iterator[Holds]:
-    """Three parallel axes, none on its neighbour, that turn as is told."""
+def _turning_alike(screws: Any, turns: tuple[int, ...], xp: ModuleType) -> Iterator[Holds]:
+    """Parallel axes, none on its neighbour, that turn as is told."""
     yield from (_parallel_and_apart(a, b, xp) for a, b in itertools.pairwise(screws))
     yield from ((screws[0, :3] @ screw[:3]) * turn > 0 for screw, turn in zip(screws, turns))
 
@@ -189,6 +192,14 @@ def _two_turns_two_slides(
     if not any(c < turn < d for turn in (a, b)):
         across = sine_between(screws[c, 3:], screws[d, 3:], xp)
         yield across >= AXES_PARALLEL.of(screws.dtype)
+
+
+def _planar_arm(family: PlanarArm, screws: Any, xp: ModuleType) -> Iterator[Holds]:
+    yield from (is_revolute(screw, xp) for screw in screws)
+    behind = 1 + len(family.turns)
+    yield from _turning_alike(screws[1:behind], family.turns, xp)
+    for screw in (screws[0], *screws[behind:]):
+        yield ~are_parallel(screw, screws[1], xp)
 
 
 def _spherical_shoulder_and_wrist(

@@ -78,7 +78,7 @@ class ThreeParallel:
     """
 
     kind: str
-    turns: tuple[int, int, int]
+    turns: tuple[int, ...]
     reverse: bool
 
     @property
@@ -107,7 +107,7 @@ class Schoenflies:
     """
 
     slide: int
-    turns: tuple[int, int, int]
+    turns: tuple[int, ...]
 
     @property
     def signs(self) -> int:
@@ -167,8 +167,48 @@ class SphericalShoulderAndWrist:
         )
 
 
+@dataclasses.dataclass(frozen=True)
+class PlanarArm:
+    """Three to five joints: an axis, two or three that are parallel to each other and not to it,
+    and perhaps one more that is not parallel to them: a planar arm on a turning base.
+
+    Attributes:
+        turns: 1 or -1 for each of the parallel axes: whether it points as the first of them does.
+        roll: whether an axis follows them.
+        reverse: whether the axes are counted from the other end.
+    """
+
+    turns: tuple[int, ...]
+    roll: bool
+    reverse: bool
+
+    @property
+    def signs(self) -> int:
+        """How many signs tell the solutions apart."""
+        return self.roll + (len(self.turns) == 3)
+
+    def describe(self) -> tuple[str, str]:
+        """The family, and its singularities."""
+        joints = 1 + len(self.turns) + self.roll
+        first = 1 if self.reverse else 2
+        *axes, last = range(first, first + len(self.turns))
+        parallel = f"axes {', '.join(map(str, axes))} and {last}"
+        singular = [f"{parallel} in a plane"] * (len(self.turns) == 3)
+        singular += [f"axis {joints} in line with axis 1"] * self.roll
+        return (
+            f"{parallel} are parallel, the others are not; {joints} of the six coordinates of a "
+            "pose",
+            ", ".join(singular) or "none",
+        )
+
+
 Family = (
-    SphericalWrist | ThreeParallel | Schoenflies | TwoTurnsTwoSlides | SphericalShoulderAndWrist
+    SphericalWrist
+    | ThreeParallel
+    | Schoenflies
+    | TwoTurnsTwoSlides
+    | SphericalShoulderAndWrist
+    | PlanarArm
 )
 
 

@@ -22,12 +22,14 @@ from niryo_jax.ik.closed_form.joint_motion import (
     Move,
     Roots,
     Signs,
+    Solution,
     away_from,
     line_of,
     turn_between,
 )
-from niryo_jax.ik.closed_form.position import circles, combination, on_surface, place
-from niryo_jax.ik.closed_form.srs import across, frame, srs_points
+from niryo_jax.ik.closed_form.planar import motion_of, planar, planar_arm
+from niryo_jax.ik.closed_form.position import combination, on_surface, place
+from niryo_jax.ik.closed_form.srs import frame, srs_points
 from niryo_jax.ik.closed_form.trig_roots import sinusoid_root
 from niryo_jax.ik.results.candidates import Candidates, in_slots
 from niryo_jax.ik.results.deduplicate import different
@@ -37,6 +39,7 @@ from niryo_jax.lie import se3
 from niryo_jax.specialise import Geometry
 from niryo_jax.structure.families import (
     Family,
+    PlanarArm,
     Schoenflies,
     SphericalShoulderAndWrist,
     SphericalWrist,
@@ -77,13 +80,15 @@ def candidates(
         found = [joint_motion.back(move) for move in reversed(found)]
     q = lanes.materialised(lanes.lanes_of([joint_motion.joint_value(move) for move in found]))
     slots = 2**family.signs
+    # Where a pose has fewer freedoms than it has coordinates, only forward kinematics tells.
+    every = geometry.joints < 6
     exists, singular = jnp.bool_(True), jnp.int32(Singularity.NONE)
     for i, (name, of_equation) in enumerate(roots):
         # A double root of one equation is off by the square root of rounding, which makes it look
         # to another equation as if that had no root.
         others = [other.loose for j, (_, other) in enumerate(roots) if j != i]
         loose = functools.reduce(operator.or_, others, np.bool_(False))
-        exists = exists & (of_equation.exist | (of_equation.near & loose))
+        exists = exists & (every | of_equation.exist | (of_equation.near & loose))
         named = name in (Singularity.WRIST, Singularity.SHOULDER)
         endless = name if named else Singularity.SELF_MOTION
         double = Singularity.MERGED if name is Singularity.SHOULDER else name
@@ -95,10 +100,6 @@ def candidates(
     exists, singular = (in_slots(x, (slots, batch)) for x in (exists, singular))
     label = jnp.broadcast_to(jnp.arange(slots, dtype=jnp.int32)[:, None], (slots, batch))
     return Candidates(q, exists, label, singular, jnp.ones(batch, bool))
-
-
-Solution = tuple[list[Move], list[tuple[Singularity, Roots]]]
-"""The moves of all joints, the equations, and what it is called where two roots are one."""
 
 
 def _spherical_wrist(
@@ -196,17 +197,17 @@ def _three_parallel(family: ThreeParallel, screws: Lanes, motion: Motion, signs:
     move_6, sixth = sinusoid_root(w5 @ x, w5 @ y, w5 @ (seen - x - w), signs(), Lane(1.0))
     move_6 = lanes.materialised(move_6)
     move_5 = lanes.materialised(turn_between(w5, seen - x + move_6[0] * x + move_6[1] * y, w))
-    before = compose(_motion(screws[0], joint_motion.back(move_1)), motion)
+    before = compose(motion_of(screws[0], joint_motion.back(move_1)), motion)
     # Where axis 6 is parallel to the three, any turn about it does: one within reach is taken.
     any_turn = lanes.norm(x) <= IK_POLISH.of(jnp.result_type(x[0].value))
     move_6 = lanes.choose(any_turn, _elbow_turn(screws, before, move_5), move_6)
     move_6 = lanes.materialised(move_6)
     left = before
     for screw, move in ((screws[5], move_6), (screws[4], move_5)):
-        left = compose(left, _motion(screw, joint_motion.back(move)))
-    planar, elbow = _planar(screws[1:4], family.turns, left, signs)
+        left = compose(left, motion_of(screw, joint_motion.back(move)))
+    bends, elbow = planar(screws[1:4], family.turns, left, signs)
     roots = [(Singularity.MERGED, first), (Singularity.WRIST, sixth), (Singularity.ELBOW, elbow)]
-    return [move_1, *planar, move_5, move_6], roots
+    return [move_1, *bends, move_5, move_6], roots
 
 
 def _elbow_turn(screws: Lanes, motion: Motion, move_5: Lanes) -> Lanes:
@@ -229,36 +230,6 @@ def _elbow_turn(screws: Lanes, motion: Motion, move_5: Lanes) -> Lanes:
     return sinusoid_root(p, q, gap, 1.0, scale * scale)[0]
 
 
-def _planar(
-    screws: Lanes, turns: tuple[int, int, int], motion: Motion, signs: Signs
-) -> tuple[list[Move], Roots]:
-    """Three parallel axes that supply a motion of the plane across them (Pardos-Gotor 8)."""
-    rotation, position = lanes.materialised(motion[0]), lanes.materialised(motion[1])
-    w = screws[0, :3]
-    point = line_of(screws[2]).point
-    goal = lanes.materialised(rotation @ point + position)
-    first, second, roots = circles(screws[0], screws[1], point, goal, True, signs)
-    side = lanes.materialised(across(w))
-    whole = turn_between(w, side, rotation @ side)
-    before = joint_motion.after(first, _same(second, turns[1]))
-    third = _same(joint_motion.after(whole, joint_motion.turn_back(before)), turns[2])
-    return [first, second, third], roots
-
-
-def _same(turn: Lanes, sign: int) -> Lanes:
-    """A turn about an axis, as one about an axis that points the same way or the other."""
-    return turn if sign > 0 else joint_motion.turn_back(turn)
-
-
-def _motion(screw: Lanes, move: Move) -> Motion:
-    """exp([S] q)."""
-    if isinstance(move, Lane):
-        return lanes.identity(3), screw[3:] * move
-    rotation = joint_motion.rotation(screw, move)
-    centre = line_of(screw).point
-    return rotation, centre - rotation @ centre
-
-
 def _schoenflies(family: Schoenflies, screws: Lanes, motion: Motion, signs: Signs) -> Solution:
     slide = screws[family.slide, 3:]
     axes = np.delete(screws, family.slide, axis=0)
@@ -266,9 +237,9 @@ def _schoenflies(family: Schoenflies, screws: Lanes, motion: Motion, signs: Sign
     point = line_of(axes[2]).point
     # The slide changes places with the turns about its own direction.
     length = slide @ (rotation @ point + position - point)
-    planar, roots = _planar(axes, family.turns, (rotation, position - length * slide), signs)
-    planar.insert(family.slide, length)
-    return planar, [(Singularity.ELBOW, roots)]
+    moves, roots = planar(axes, family.turns, (rotation, position - length * slide), signs)
+    moves.insert(family.slide, length)
+    return moves, [(Singularity.ELBOW, roots)]
 
 
 def _two_turns_two_slides(
@@ -287,7 +258,7 @@ def _two_turns_two_slides(
     rest, directions = (lanes.identity(3), lanes.lanes_of([0.0, 0.0, 0.0])), list[Lanes]()
     for joint, screw in enumerate(screws):
         if joint in turns:
-            rest = compose(rest, _motion(screw, turns[joint]))
+            rest = compose(rest, motion_of(screw, turns[joint]))
         else:
             directions.append(rest[0] @ screw[3:])
     lengths = combination(directions[0], directions[1], position - rest[1])
@@ -301,4 +272,5 @@ _SOLVERS: dict[type[Any], Callable[[Any, Lanes, Motion, Signs], Solution]] = {
     ThreeParallel: _three_parallel,
     Schoenflies: _schoenflies,
     TwoTurnsTwoSlides: _two_turns_two_slides,
+    PlanarArm: planar_arm,
 }

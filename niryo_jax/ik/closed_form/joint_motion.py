@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from niryo_jax import lanes
+from niryo_jax.ik.results.status import Singularity
 from niryo_jax.lanes import Condition, Lane, Lanes
 from niryo_jax.lie import so3
 from niryo_jax.subproblems.axes import Axis, axis_of, off_axis
@@ -139,3 +140,6 @@ ONE_ROOT = Roots(exist=_YES, double=_NO, free=_NO, near=_YES, loose=_NO)
 
 Signs = Callable[[], Lane]
 """Each call gives the two signs of one more pair of roots, along an axis of its own."""
+
+Solution = tuple[list[Move], list[tuple[Singularity, Roots]]]
+"""The moves of all joints, the equations, and what it is called where two roots are one."""

@@ -53,6 +53,11 @@ class Algorithm(Protocol):
         """The most solutions that there can be."""
         ...
 
+    @property
+    def tolerance(self) -> jax.Array | float:
+        """Metres and radians by which an arm of fewer than six joints may miss a pose."""
+        ...
+
     def free_arm(self, held: jax.Array) -> Geometry:
         """The arm that is left where a joint is locked; its lanes have the shape (...,) of
         `held` (..., 1), or none."""
@@ -77,6 +82,7 @@ class OffsetWrist:
     arm: OffsetWristParameters
     periodic = (True,) * 6
     slots = SLOTS
+    tolerance = 0.0
 
     def free_arm(self, held: jax.Array) -> Geometry:
         """The whole arm."""
@@ -104,6 +110,7 @@ class ClosedForm:
 
     whole: Geometry
     plan: ClosedFormPlan
+    tolerance: jax.Array
 
     @property
     def periodic(self) -> tuple[bool, ...]:
@@ -147,21 +154,33 @@ class ClosedForm:
         geometry = self.free_arm(goal.held)
         target = lanes.contiguous_lanes(goal.pose, 2)
         candidates, _ = self.first_pass(geometry, target, goal)
-        return by_polish(geometry, candidates, goal.pose, live, limits, self.periodic, self.slots)
+        return by_polish(
+            geometry,
+            candidates,
+            goal.pose,
+            live,
+            limits,
+            self.periodic,
+            self.slots,
+            self.tolerance,
+        )
 
 
 Structure = KnownNumbers | ClosedFormPlan
 """What is known of an arm while tracing, for the algorithm that fits it."""
 
 
-def algorithm_for(structure: Structure, geometry: Geometry, numbers: jax.Array) -> Algorithm:
+def algorithm_for(
+    structure: Structure, geometry: Geometry, numbers: jax.Array, tolerance: jax.Array
+) -> Algorithm:
     """The algorithm of an arm.
 
     Args:
         structure: what is known of it while tracing.
         geometry: the arm.
         numbers: the other numbers of an offset-wrist arm, and none of others.
+        tolerance: metres and radians by which an arm of fewer than six joints may miss a pose.
     """
     if isinstance(structure, ClosedFormPlan):
-        return ClosedForm(geometry, structure)
+        return ClosedForm(geometry, structure, tolerance)
     return OffsetWrist(geometry, parameters_from(structure, list(numbers)))

@@ -46,6 +46,7 @@ def complete_solutions(
     numbers: jax.Array,
     lower: jax.Array,
     upper: jax.Array,
+    tolerance: jax.Array,
     structure: Structure,
     periodic: tuple[bool, ...],
     sharding: BatchSharding | None,
@@ -58,6 +59,7 @@ def complete_solutions(
         held: (rows, 1) values of a locked joint or arm angles, or (rows, 0).
         numbers: those of an offset-wrist arm that are not known while tracing.
         lower, upper: (n,) joint limits.
+        tolerance: metres and radians by which an arm of fewer than six joints may miss a pose.
         structure: what is known of the arm.
         periodic: of all joints.
         sharding: how the rows are spread over devices.
@@ -76,17 +78,18 @@ def complete_solutions(
         numbers: jax.Array,
         limits: Limits,
         sound: jax.Array,
+        tolerance: jax.Array,
         goal: Goal,
         valid: jax.Array,
     ) -> Answer:
         rotation, position = se3.split(geometry.home)
         home = se3.assemble(lanes.identity(3), position)
         arm = Geometry(geometry.screws, home, geometry.kinds)
-        algorithm = algorithm_for(structure, arm, numbers)
+        algorithm = algorithm_for(structure, arm, numbers, tolerance)
         return solve_rows(algorithm, rotation, goal, valid, limits, sound)
 
-    solve = on_each_device(solve, sharding, same=4)
-    answer = solve(geometry, numbers, free, sound, goal, target.valid)
+    solve = on_each_device(solve, sharding, same=5)
+    answer = solve(geometry, numbers, free, sound, tolerance, goal, target.valid)
     solutions = answer.solutions
     if joint is not None:
         solutions = _with_locked_joint(solutions, joint, goal.held, limits)
@@ -191,7 +194,8 @@ def _first_pass(
         algorithm.periodic,
         algorithm.slots,
     )
-    lost = possible & ~near & may_take_pose(geometry.joints, position, rotation)
+    lost = possible & ~near
+    lost = lost & may_take_pose(geometry.joints, position, rotation, algorithm.tolerance)
     proved = ~reachable | (candidates.proved & ~jnp.any(lost, axis=0))
     return Answer(ranked, unreachable, proved)
 

@@ -14,7 +14,12 @@ import jax.numpy as jnp
 from niryo_jax import lanes
 from niryo_jax.execution.compaction import at_once, for_each_chunk
 from niryo_jax.ik.newton import rolled
-from niryo_jax.ik.newton.pose_error import extent, may_take_pose, within_tolerance
+from niryo_jax.ik.newton.pose_error import (
+    extent,
+    may_take_pose,
+    nearest_taken,
+    within_tolerance,
+)
 from niryo_jax.ik.offset_wrist.parameters import OffsetWristParameters
 from niryo_jax.ik.offset_wrist.posture import branch_label, joint_angles
 from niryo_jax.ik.offset_wrist.subdivision import (
@@ -28,7 +33,7 @@ from niryo_jax.ik.offset_wrist.subdivision import (
 )
 from niryo_jax.ik.offset_wrist.wrist_circle import WristCircle, reason_out_of_reach, wrist_circle
 from niryo_jax.ik.results.candidates import Candidates, JointVectors, in_slots
-from niryo_jax.ik.results.deduplicate import distinct
+from niryo_jax.ik.results.deduplicate import distinct, duplicates
 from niryo_jax.ik.results.limits import Limits, without_whole_turns
 from niryo_jax.ik.results.ranking import Answer, rank
 from niryo_jax.ik.results.status import Singularity, UnreachableReason
@@ -39,6 +44,8 @@ from niryo_jax.tolerances import DEPENDENT_ROW, IK_POLISH, IK_POSITION
 _AT_ONCE = 2048
 _POLISHED = 128
 _POLISHING = 6
+_APPROACHING = 12
+_DAMPING_FACTOR = 5.0
 _LARGEST_STEP = 0.2
 _MOST = 16
 _FEW = 12
@@ -108,6 +115,7 @@ def by_polish(
     limits: Limits,
     periodic: tuple[bool, ...],
     slots: int,
+    tolerance: jax.Array,
 ) -> Answer:
     """The answers of poses (rows, 4, 4) from the candidates of a closed form, polished."""
     rows, shape = target.shape[0], candidates.exists.shape
@@ -115,18 +123,25 @@ def by_polish(
     possible = (candidates.exists & live).reshape(-1)
     q = jnp.stack([in_slots(lane.array, shape).reshape(-1) for lane in candidates.q], axis=-1)
     errors = rolled.pose_errors(geometry.at(pose), lanes.unpack(target[pose], 2), q.T)
+    possible = possible & may_take_pose(geometry.joints, *errors, tolerance)
     solved = _Solved(q, *errors, candidates.label.reshape(-1))
     solved = _polished(geometry, target, solved, jnp.where(possible, pose, rows), periodic)
-    found = possible & within_tolerance(*solved.errors, size=extent(target)[pose])
-    lost = possible & ~found & may_take_pose(geometry.joints, *solved.errors)
 
     def by_pose(x: jax.Array) -> jax.Array:
         return jnp.swapaxes(x.reshape(*shape, *x.shape[1:]), 0, 1)
 
     q, position, rotation, label = map(by_pose, solved)
-    vectors = JointVectors(q, by_pose(found), position, rotation, label, candidates.singularity.T)
+    possible = by_pose(possible)
+    exact = within_tolerance(position, rotation, size=extent(target)[:, None])
+    if geometry.joints < 6:
+        found, lost = nearest_taken(possible, exact, position, rotation, tolerance)
+        found = found & ~duplicates(q, found, periodic)
+    else:
+        found = possible & exact
+        lost = possible & ~found
+    vectors = JointVectors(q, found, position, rotation, label, candidates.singularity.T)
     unreachable = jnp.full(rows, UnreachableReason.NONE, jnp.int32)
-    proved = ~jnp.any(by_pose(lost), axis=1)
+    proved = ~jnp.any(lost, axis=1)
     return Answer(rank(vectors, limits, periodic, slots), unreachable, proved)
 
 
@@ -187,28 +202,40 @@ def _polished(
     pose: jax.Array,
     periodic: tuple[bool, ...],
 ) -> _Solved:
-    """Newton's method on the full pose for the joint vectors that miss by more than rounding."""
+    """Newton's method on the full pose for the joint vectors that miss by more than rounding.
+
+    Of arms with fewer than six joints a pose may only be approached: then it is the method of
+    Levenberg and Marquardt, which goes back where a step leads away.
+    """
     dtype, rows = solved.q.dtype, target.shape[0]
     tolerance = IK_POLISH.of(dtype)
     rough = (solved.position > tolerance) | (solved.rotation > tolerance)
     rough = rough & (pose < rows)
+    few = geometry.joints < 6
 
     def polish(state: _Solved, at: jax.Array, live: jax.Array) -> _Solved:
         row = jnp.minimum(pose[at], rows - 1)
         goal, its = lanes.unpack(target[row], 2), geometry.at(row)
 
         def step(_: int, carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
-            q, *best = carry
+            q, damping, *best = carry
             twist, jacobian, (position, rotation) = rolled.near_twist(its, goal, q)
-            better = position + rotation < best[1] + best[2]
-            best = (jnp.where(better, x, y) for x, y in zip((q, position, rotation), best))
-            inverse = rolled.pseudo_inverse(jacobian, DEPENDENT_ROW.of(dtype))
+            miss, least = position**2 + rotation**2, best[1] ** 2 + best[2] ** 2
+            better = miss <= least if few else miss < least
+            best = [jnp.where(better, x, y) for x, y in zip((q, position, rotation), best)]
+            damping = damping * jnp.where(better, 1.0 / _DAMPING_FACTOR, _DAMPING_FACTOR)
+            damped = damping if few else None
+            inverse = rolled.pseudo_inverse(jacobian, DEPENDENT_ROW.of(dtype), damped)
             move = jnp.sum(inverse * twist[None], axis=1)
-            return q + jnp.clip(move, -_LARGEST_STEP, _LARGEST_STEP), *best
+            moved = q + jnp.clip(move, -_LARGEST_STEP, _LARGEST_STEP)
+            return jnp.where(better, moved, best[0]) if few else moved, damping, *best
 
-        q = state.q[at].T
-        start = q, q, state.position[at], state.rotation[at]
-        _, q, position, rotation = jax.lax.fori_loop(0, _POLISHING, step, start)
+        q, *errors = state.q[at].T, state.position[at], state.rotation[at]
+        # A miss that stays near a fold of what can be reached moves joints by its square root.
+        damping = jnp.sqrt(errors[0] + errors[1])
+        far = [jnp.full_like(error, jnp.inf) if few else error for error in errors]
+        steps = _APPROACHING if few else _POLISHING
+        _, _, q, position, rotation = jax.lax.fori_loop(0, steps, step, (q, damping, q, *far))
         q = without_whole_turns(q.T, periodic)
         where = jnp.where(live, at, pose.shape[0])
         return state.replace(where, _Solved(q, position, rotation, state.label[at]))

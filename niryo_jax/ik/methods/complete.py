@@ -26,6 +26,7 @@ from niryo_jax.lanes.batching import as_floating, broadcast_batch, check_shape
 from niryo_jax.robot import Robot
 from niryo_jax.structure.families import ClosedFormPlan
 from niryo_jax.structure.offset_wrist import arm_numbers, concrete_numbers
+from niryo_jax.tolerances import ANSWERED
 
 Locked = tuple[int, ArrayLike]
 """The index of a joint and its value (...,)."""
@@ -36,6 +37,7 @@ class CompleteSolver:
     """The complete method for arms of one structure."""
 
     structure: Structure
+    tolerance: float = ANSWERED
 
     @property
     def held(self) -> Held:
@@ -67,6 +69,7 @@ class CompleteSolver:
         sharding = batch_sharding(pose, len(batch))
         parts = sharding.parts if sharding else 1
         given = [x.astype(dtype) for x in (self._numbers(robot), robot.lower, robot.upper)]
+        given.append(np.asarray(self.tolerance, dtype))
 
         def solve(pose: jax.Array, held: jax.Array) -> IKSolutions:
             batch = pose.shape[:-2]
@@ -121,9 +124,10 @@ def solve_complete(
     locked: Locked | None = None,
     arm_angle: ArrayLike | None = None,
     q_ref: ArrayLike | None = None,
+    tolerance: float = ANSWERED,
 ) -> IKSolutions:
     """`inverse_kinematics` by the complete method."""
-    solver = CompleteSolver(_structure(robot, locked, arm_angle is not None))
+    solver = CompleteSolver(_structure(robot, locked, arm_angle is not None), tolerance)
     if robot.screws.ndim != 2:
         raise ValueError(
             f"robot: expected screws (n, 6), got {robot.screws.shape}; use jax.vmap for many robots"

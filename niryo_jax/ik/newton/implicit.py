@@ -17,6 +17,7 @@ from niryo_jax import lanes
 from niryo_jax.ik.closed_form.srs import angle_of
 from niryo_jax.ik.newton import rolled
 from niryo_jax.ik.target import make_target
+from niryo_jax.ik.task import Task
 from niryo_jax.lanes import Lanes
 from niryo_jax.lanes.batching import on_lanes
 from niryo_jax.lie import se3
@@ -122,16 +123,41 @@ def rate_of_geometry(
     q: jax.Array,
     solved: jax.Array,
     tangents: tuple[Geometry, jax.Array],
+    task: Task,
 ) -> jax.Array:
     """The rates of joint vectors (..., n), one a target, for those of the geometry and of targets
     (..., 4, 4) that are rigid motions."""
     q = q[..., None, :]
+    if task.name != "pose":
+        return _rate_of_bound(geometry, target, q, solved, tangents, task)
     moved = jax.jvp(
         lambda geometry: _at_fixed_joints(geometry, target, q, None), (geometry,), tangents[:1]
     )[1]
     twist = on_lanes(_twist_of, ("pose", target, (4, 4)), ("rate", tangents[1], (4, 4)))
     right = jnp.where(solved[..., None, None], moved + twist[..., None, :], 0.0)
     return _least(_equations(geometry, q, None), right[..., None])[..., 0, :, 0]
+
+
+def _rate_of_bound(
+    geometry: Geometry,
+    target: jax.Array,
+    q: jax.Array,
+    solved: jax.Array,
+    tangents: tuple[Geometry, jax.Array],
+    task: Task,
+) -> jax.Array:
+    """`rate_of_geometry` of joint vectors (..., 1, n) that reach what a task binds."""
+    batch, n = q.shape[:-2], geometry.joints
+    rows = q.reshape(-1, n).T
+
+    def twist(geometry: Geometry, target: jax.Array) -> tuple[jax.Array, jax.Array]:
+        goal = lanes.unpack(target.reshape(-1, 4, 4), 2)
+        return rolled.bound_twist(geometry, goal, rows, task)
+
+    (_, jacobian), (right, _) = jax.jvp(twist, (geometry, target), tangents)
+    right = jnp.where(solved.reshape(-1), right, 0.0)
+    rates = _least(jnp.moveaxis(jacobian, -1, 0), right.T[..., None])
+    return rates.reshape(*batch, n)
 
 
 def _twist_of(target: Lanes, rate: Lanes) -> Lanes:

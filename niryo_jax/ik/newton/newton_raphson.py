@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -24,8 +25,9 @@ from niryo_jax.execution.compaction import at_once, running_count
 from niryo_jax.execution.devices import BatchSharding, batch_sharding, on_all_cores, on_each_device
 from niryo_jax.execution.padding import cut_rows, padded_rows, program_size
 from niryo_jax.ik.newton.implicit import rate_of_geometry, zero_tangent
-from niryo_jax.ik.newton.pose_error import Frame, error_twist
+from niryo_jax.ik.newton.pose_error import Frame, miss
 from niryo_jax.ik.target import Target, make_target
+from niryo_jax.ik.task import Task, TaskName, task_of
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import as_floating, broadcast_batch, check_shape
 from niryo_jax.robot import Robot, check_is_robot
@@ -64,6 +66,7 @@ class _Options:
     max_iterations: int
     step_limit: float
     damping: float
+    task: Task
 
 
 def newton_raphson(
@@ -77,6 +80,8 @@ def newton_raphson(
     max_iterations: int = 30,
     step_limit: float = 0.7,
     damping: float = 0.1,
+    task: TaskName = "pose",
+    tool_axis: ArrayLike | Sequence[float] = (0.0, 0.0, 1.0),
 ) -> NewtonResult:
     """Solve for the joint vector of a pose by Newton-Raphson from a guess.
 
@@ -91,6 +96,9 @@ def newton_raphson(
         max_iterations: the most steps to take.
         step_limit: the most that any joint moves in one step, radians (or metres).
         damping: factor of the error that damps the step; 0 for the pure method.
+        task: what of the pose is bound: all of it, "direction" (the position and one axis of the
+            tool), or "position"; of joints to spare, steps are the least.
+        tool_axis: (3,) the axis that "direction" binds, in the tool frame.
 
     Returns:
         A `NewtonResult`. Every pose takes part in one program; those that have converged stay. A
@@ -99,13 +107,18 @@ def newton_raphson(
         function theorem, where converged; with respect to q0 they are zero.
 
     Raises:
-        ValueError: wrong shapes, an unknown frame, options that are not positive.
+        ValueError: wrong shapes, an unknown frame, options that are not positive, an unknown task,
+            one that is not "pose" in the space frame.
+        TypeError: a traced tool_axis.
     """
     check_is_robot(robot)
     check_choice("frame", frame, ("body", "space"))
     max_iterations = check_count("max_iterations", max_iterations, 0, _MOST_ITERATIONS)
     step_limit = check_number("step_limit", step_limit, "a positive number", lambda x: x > 0)
     damping = check_number("damping", damping, "0 or more", lambda x: x >= 0)
+    bound = task_of(task, tool_axis)
+    if frame == "space" and bound.name != "pose":
+        raise ValueError(f"frame: expected 'body' for task {task!r}, got 'space'")
     for name, tolerance in (
         ("position_tolerance", position_tolerance),
         ("rotation_tolerance", rotation_tolerance),
@@ -113,7 +126,7 @@ def newton_raphson(
         if tolerance is not None:
             check_number(name, tolerance, "a positive number", lambda x: x > 0)
     options = _Options(
-        frame, position_tolerance, rotation_tolerance, max_iterations, step_limit, damping
+        frame, position_tolerance, rotation_tolerance, max_iterations, step_limit, damping, bound
     )
     pose, q0 = as_floating("pose", pose), as_floating("q0", q0)
     check_shape("pose", pose, (4, 4))
@@ -193,9 +206,10 @@ def _solve(options: _Options, geometry: Geometry, target: jax.Array, q0: jax.Arr
     def body(state: _State) -> _State:
         q = lanes.lanes_of([Lane(angle) for angle in state.q])
         goal = lanes.contiguous_lanes(target[jnp.minimum(state.row, size - 1)], 2)
-        twist, jacobian, position_error = error_twist(geometry, goal, q, options.frame)
+        twist, jacobian, position_error, rotation_error = miss(
+            geometry, goal, q, options.frame, options.task
+        )
         jacobian, twist = lanes.materialised(jacobian), lanes.materialised(twist)
-        rotation_error = lanes.norm(twist[:3])
         converged = (position_error <= position_tolerance) & (rotation_error <= rotation_tolerance)
         done = converged | (state.steps >= options.max_iterations)
         flag = lanes.select(converged, 1.0, 0.0)
@@ -255,5 +269,7 @@ def _solve_jvp(
 ) -> tuple[NewtonResult, NewtonResult]:
     geometry, target, _ = primals
     result = _solve(options, *primals)
-    rates = rate_of_geometry(geometry, target, result.q, result.converged, tangents[:2])
+    rates = rate_of_geometry(
+        geometry, target, result.q, result.converged, tangents[:2], options.task
+    )
     return result, zero_tangent(result)._replace(q=rates)

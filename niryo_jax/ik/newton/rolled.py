@@ -15,6 +15,7 @@ import numpy as np
 from niryo_jax import lanes
 from niryo_jax.chain import Motion, joint_motion
 from niryo_jax.ik.newton.pose_error import pose_difference
+from niryo_jax.ik.task import Task
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lie import se3
 from niryo_jax.specialise import Geometry
@@ -128,15 +129,38 @@ def near_twist(
     return _stacked(twist, q[0]), jacobian, _errors((rotation, position), goal, q[0])
 
 
-def pseudo_inverse(matrix: jax.Array, tolerance: float) -> jax.Array:
+def bound_twist(
+    geometry: Geometry, goal: Lanes, q: jax.Array, task: Task
+) -> tuple[jax.Array, jax.Array]:
+    """What a task binds (k, r) of the twist to goals that are all but reached, and of the Jacobian
+    (k, n, r), in the frame of the goal, which the tool may be turned against.
+
+    The cross product of two unit vectors has the same derivative as the turn between them.
+    """
+    rotation, position, jacobian = pose_and_body_jacobian(geometry, q)
+    goal_rotation, goal_position = se3.split(goal)
+    relative = lanes.materialised(goal_rotation.T @ rotation)
+    across, axis = lanes.lanes_of(task.across()), lanes.lanes_of(task.axis)
+    turn = across @ lanes.cross(relative @ axis, axis)
+    twist = np.concatenate([turn, goal_rotation.T @ (goal_position - position)])
+    columns = [lanes.lanes_of([Lane(x) for x in jacobian[:, i]]) for i in range(geometry.joints)]
+    rows = [np.concatenate([across @ (relative @ x[:3]), relative @ x[3:]]) for x in columns]
+    return _stacked(twist, q[0]), jnp.stack([_stacked(x, q[0]) for x in rows], axis=1)
+
+
+def pseudo_inverse(
+    matrix: jax.Array, tolerance: float, damping: jax.Array | None = None
+) -> jax.Array:
     """(m, n, ...) -> (n, m, ...): what gives the least solution, by modified Gram-Schmidt.
 
     A row (a column where m > n) that is independent of those before it by less than the share
-    `tolerance` is left out: the others are solved for, and nothing becomes infinite.
+    `tolerance` is left out: the others are solved for, and nothing becomes infinite. With a damping
+    d (...,) each pivot r is divided by as r / (r^2 + d^2).
     """
     m, n = matrix.shape[:2]
     if m > n:
-        return jnp.swapaxes(pseudo_inverse(jnp.swapaxes(matrix, 0, 1), tolerance), 0, 1)
+        turned = pseudo_inverse(jnp.swapaxes(matrix, 0, 1), tolerance, damping)
+        return jnp.swapaxes(turned, 0, 1)
     batch = matrix.shape[2:]
     number = jnp.arange(m).reshape(m, *[1] * (len(batch) + 1))
     whole = jnp.sum(matrix * matrix, axis=1)
@@ -148,6 +172,8 @@ def pseudo_inverse(matrix: jax.Array, tolerance: float) -> jax.Array:
         independent = square > tolerance * tolerance * whole[i]
         per = jnp.where(independent, 1.0 / jnp.sqrt(jnp.where(independent, square, 1.0)), 0.0)
         unit, of_row = row * per, right[i] * per
+        if damping is not None:
+            of_row = of_row / (1.0 + (damping * per) ** 2)
         inverse = inverse + unit[:, None] * of_row[None]
         # What is left of the rows behind it has no part along it.
         part = jnp.where(number > i, jnp.sum(rows * unit[None], axis=1)[:, None], 0.0)

@@ -9,10 +9,15 @@ from niryo_jax.ik.results.ranking import Answer
 from niryo_jax.ik.results.solutions import IKSolutions
 from niryo_jax.ik.results.status import IKStatus, UnreachableReason
 from niryo_jax.ik.target import Target
+from niryo_jax.ik.task import TaskName
 
 
 def assemble(
-    answer: Answer, target: Target, limits: Limits, periodic: tuple[bool, ...]
+    answer: Answer,
+    target: Target,
+    limits: Limits,
+    periodic: tuple[bool, ...],
+    task: TaskName = "pose",
 ) -> IKSolutions:
     """`IKSolutions` of an answer to targets."""
     solutions = answer.solutions
@@ -49,4 +54,5 @@ def assemble(
         lower=limits[0],
         upper=limits[1],
         periodic=periodic,
+        task=task,
     )

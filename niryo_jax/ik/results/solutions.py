@@ -15,6 +15,7 @@ from jax.typing import ArrayLike
 from niryo_jax._jax import is_concrete
 from niryo_jax.ik.results.limits import nearest_turn
 from niryo_jax.ik.results.status import IKStatus, Singularity, UnreachableReason
+from niryo_jax.ik.task import BOUND, TaskName
 from niryo_jax.jacobian import manipulability
 from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.robot import Robot
@@ -34,7 +35,7 @@ class IKSolutions:
         found: (..., slots) whether the slot holds a solution.
         within_limits: (..., slots) whether it is also within the joint limits.
         position_error, rotation_error: (..., slots) metres and radians by which forward kinematics
-            of q misses the pose; infinite where not `found`.
+            of q misses what is bound of the pose; infinite where not `found`.
         label: (..., slots) which solution this is: 1 if the wrist reaches behind axis 1 (along
             P2 of docs/theory/complete-ik.md), plus 2 if the elbow angle is positive, plus 4 if
             theta_5 is, plus 8 times the number of solutions before it that are alike in all three
@@ -51,9 +52,11 @@ class IKSolutions:
             solved for (Frobenius norm).
         lower, upper: (n,) the joint limits used.
         periodic: n flags, True for a joint that returns to its place after 2 pi; static.
+        task: what of the pose was bound (`niryo_jax.ik.task`); static.
 
     Solutions within the limits come first, those with the largest margin to the limits
-    before the others.
+    before the others. Where a pose misses what an arm of fewer joints can do by less than the
+    tolerance, they take the nearest pose that the arm can, and the errors say how far away it is.
     """
 
     q: jax.Array
@@ -71,6 +74,7 @@ class IKSolutions:
     lower: jax.Array
     upper: jax.Array
     periodic: tuple[bool, ...] = dataclasses.field(metadata={"static": True})
+    task: TaskName = dataclasses.field(default="pose", metadata={"static": True})
 
     def map(self, function: Callable[[jax.Array], jax.Array]) -> IKSolutions:
         """The answers with a function applied to every array that has the batch axes in front.
@@ -82,14 +86,19 @@ class IKSolutions:
     def message(self, index: int | tuple[int, ...] = ()) -> str:
         """What became of one pose, in words."""
         status = IKStatus(int(self.status[index]))
+        bound = BOUND[self.task][1]
         if status is IKStatus.UNREACHABLE:
-            return (
-                f"{status.message} {UnreachableReason(int(self.unreachable_reason[index])).message}"
-            )
+            reason = UnreachableReason(int(self.unreachable_reason[index])).message
+            return f"{status.message} {reason} Asked for: {bound}."
         codes = {int(x) for x in np.asarray(self.singularity[index])[np.asarray(self.found[index])]}
         notes = [Singularity(code).message for code in sorted(codes - {Singularity.NONE})]
         if status in (IKStatus.SOLVED, IKStatus.OUTSIDE_LIMITS) and not self.complete[index]:
             notes.append("There may be more solutions than were found.")
+        if codes:
+            errors = self.position_error[index], self.rotation_error[index]
+            metres, radians = (float(np.min(np.asarray(x))) for x in errors)
+            turned = f" and {radians:.1g} rad" if self.task != "position" else ""
+            notes.append(f"Within {metres:.1g} m{turned} of the {bound} asked for.")
         return " ".join([status.message, *notes])
 
     def farthest_from_limits(self) -> tuple[jax.Array, jax.Array]:
@@ -138,11 +147,16 @@ class IKSolutions:
         object.__setattr__(self, "_along", along)
 
 
+def _static_fields(text: bytes | bytearray) -> tuple[tuple[bool, ...], TaskName]:
+    periodic, task = json.loads(text)
+    return tuple(periodic), task
+
+
 jax.export.register_pytree_node_serialization(
     IKSolutions,
     serialized_name="niryo_jax.IKSolutions",
     serialize_auxdata=lambda aux: json.dumps(aux).encode(),
-    deserialize_auxdata=lambda text: tuple(map(tuple, json.loads(text))),
+    deserialize_auxdata=_static_fields,
 )
 
 
@@ -151,7 +165,7 @@ def map_solutions(function: Callable[..., jax.Array], *parts: IKSolutions) -> IK
     batched = {
         field.name: function(*(getattr(part, field.name) for part in parts))
         for field in dataclasses.fields(IKSolutions)
-        if field.name not in ("lower", "upper", "periodic")
+        if field.name not in ("lower", "upper", "periodic", "task")
     }
     return dataclasses.replace(parts[0], **batched)
 
