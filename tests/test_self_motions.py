@@ -192,3 +192,11 @@ def test_a_reference_of_another_shape_is_refused(bad):
     pose = nj.forward_kinematics(UR5E, np.zeros(6))
     with pytest.raises((TypeError, ValueError), match="q_ref"):
         nj.inverse_kinematics(UR5E, pose, q_ref=bad)
+
+
+def test_a_method_that_does_not_look_for_singularities_says_so():
+    q = aligned(UR5E, np.random.default_rng(11))[:2]
+    answer = nj.inverse_kinematics(UR5E, nj.forward_kinematics(UR5E, q), "multistart")
+    assert np.all(np.any(answer.found, axis=-1))
+    assert set(np.asarray(answer.singularity)[np.asarray(answer.found)]) == {Singularity.UNKNOWN}
+    assert Singularity.UNKNOWN.message not in answer.message(0)

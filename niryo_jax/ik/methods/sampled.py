@@ -81,7 +81,8 @@ def solve_sampled(robot: Robot, pose: ArrayLike, samples: int = 16) -> IKSolutio
             pooled, (sets.q, sets.found, sets.position_error, sets.rotation_error)
         )
         found = found & ~duplicates(q, found, periodic)
-        vectors = JointVectors.unlabelled(q, found, *errors)
+        label = jnp.full(found.shape, -1, jnp.int32)
+        vectors = JointVectors(q, found, *errors, label, pooled(sets.singularity))
         ranked = rank(vectors, limits, periodic, SLOTS)
         return Answer(ranked, reason.astype(jnp.int32), jnp.zeros_like(nowhere))
 

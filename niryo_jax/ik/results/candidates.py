@@ -55,10 +55,10 @@ class JointVectors(NamedTuple):
         position_error: jax.Array,
         rotation_error: jax.Array,
     ) -> JointVectors:
-        """Joint vectors of a method that tells no branches and no singularities."""
+        """Joint vectors of a method that tells no branches and looks for no singularities."""
         label = jnp.full(found.shape, -1, jnp.int32)
-        regular = jnp.full(found.shape, Singularity.NONE, jnp.int32)
-        return cls(q, found, position_error, rotation_error, label, regular)
+        unknown = jnp.full(found.shape, Singularity.UNKNOWN, jnp.int32)
+        return cls(q, found, position_error, rotation_error, label, unknown)
 
 
 def in_slots(array: jax.Array, shape: tuple[int, ...]) -> jax.Array:

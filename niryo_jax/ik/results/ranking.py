@@ -102,7 +102,8 @@ def _allowance(singularity: jax.Array, dtype: np.dtype) -> jax.Array:
     """How far beyond a limit a joint is at it."""
     at = LIMIT_ROUNDING.of(dtype), MERGED_ROOT.of(dtype)
     exact, merged = (jnp.asarray(x, dtype) for x in at)
-    return jnp.where(singularity == Singularity.NONE, exact, merged)
+    isolated = (singularity == Singularity.NONE) | (singularity == Singularity.UNKNOWN)
+    return jnp.where(isolated, exact, merged)
 
 
 def rank_lanes(

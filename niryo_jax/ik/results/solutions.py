@@ -41,8 +41,9 @@ class IKSolutions:
             theta_5 is, plus 8 times the number of solutions before it that are alike in all three
             (which can change along a path); for the other families the number of the choice of
             roots; -1 where not `found`, or where the method has none.
-        singularity: (..., slots) a `Singularity`; derivatives there are the least that follow the
-            pose, and not those of an isolated solution.
+        singularity: (..., slots) a `Singularity`, UNKNOWN by methods that do not look; at a
+            singularity derivatives are the least that follow the pose, and not those of an isolated
+            solution.
         status: (...,) an `IKStatus`.
         unreachable_reason: (...,) an `UnreachableReason`: what proves that an UNREACHABLE pose is.
         complete: (...,) whether it is proved that there are no other solutions (for the value of
@@ -91,7 +92,8 @@ class IKSolutions:
             reason = UnreachableReason(int(self.unreachable_reason[index])).message
             return f"{status.message} {reason} Asked for: {bound}."
         codes = {int(x) for x in np.asarray(self.singularity[index])[np.asarray(self.found[index])]}
-        notes = [Singularity(code).message for code in sorted(codes - {Singularity.NONE})]
+        silent = {Singularity.NONE, Singularity.UNKNOWN}
+        notes = [Singularity(code).message for code in sorted(codes - silent)]
         if status in (IKStatus.SOLVED, IKStatus.OUTSIDE_LIMITS) and not self.complete[index]:
             notes.append("There may be more solutions than were found.")
         if codes:

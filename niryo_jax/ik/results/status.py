@@ -63,3 +63,4 @@ class Singularity(Code):
     )
     MERGED = 4, "Two solutions are one here, or nearly: the Jacobian is singular."
     SELF_MOTION = 5, "The arm can move while the tool rests: one of infinitely many solutions."
+    UNKNOWN = 6, "Whether the solution is singular was not looked at."
