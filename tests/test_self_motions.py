@@ -200,3 +200,13 @@ def test_a_method_that_does_not_look_for_singularities_says_so():
     assert np.all(np.any(answer.found, axis=-1))
     assert set(np.asarray(answer.singularity)[np.asarray(answer.found)]) == {Singularity.UNKNOWN}
     assert Singularity.UNKNOWN.message not in answer.message(0)
+
+
+@pytest.mark.parametrize("bend", [0.0, 1e-9, 1e-7, 1e-6, 1e-5, 1e-4])
+def test_an_arm_with_an_elbow_next_to_straight_is_solved(bend):
+    robot = nj.robots.load("kuka_iiwa14")
+    q = within(robot, np.random.default_rng(12))
+    q[:, 3] = bend
+    q[: COUNT // 2, 1] = 0.0  # Upright as well.
+    answer = nj.inverse_kinematics(robot, nj.forward_kinematics(robot, q))
+    assert np.all(np.asarray(answer.status) == IKStatus.SOLVED)

@@ -85,7 +85,9 @@ def frame(along: Lanes, beside: Lanes) -> Lanes:
     Where one is parallel to the other, or zero, any direction across it is as good.
     """
     x = _unit(along)
-    towards = beside - (x @ beside) * x
+    towards = lanes.materialised(beside - (x @ beside) * x)
+    # Next to x little is left but rounding, along x too, which this takes away.
+    towards = towards - (x @ towards) * x
     y = lanes.materialised(_unit(lanes.choose(_is_short(towards), across(x), towards)))
     return np.stack([x, y, lanes.cross(x, y)], axis=1)
 
