@@ -54,8 +54,7 @@ def within_limits(
         answer: to these poses.
         held: the number of a locked joint, if any.
     """
-    wanted = is_endless(answer) & ~answer.within_limits
-    return _replaced(robot, pose, answer, wanted, None, held)
+    return _replaced(robot, pose, answer, _endless_outside(answer), None, held)
 
 
 def near_reference(
@@ -70,7 +69,15 @@ def near_reference(
         q_ref: (..., n) joint vectors, whose batch is that of the poses.
         held: the number of a locked joint, if any.
     """
-    return _replaced(robot, pose, answer, is_endless(answer), q_ref, held)
+    wanted = is_endless(answer)
+    return _replaced(robot, pose, answer, (wanted, jnp.any(wanted)), q_ref, held)
+
+
+@jax.jit
+def _endless_outside(answer: IKSolutions) -> tuple[jax.Array, jax.Array]:
+    """Which solutions are to be replaced by others within the limits, and whether any is."""
+    wanted = is_endless(answer) & ~answer.within_limits
+    return wanted, jnp.any(wanted)
 
 
 @jax.jit
@@ -88,13 +95,15 @@ def _replaced(
     robot: Robot,
     pose: jax.Array,
     answer: IKSolutions,
-    wanted: jax.Array,
+    which: tuple[jax.Array, jax.Array],
     reference: jax.Array | None,
     held: int | None,
 ) -> IKSolutions:
-    """The answer, with others of their self-motions for the solutions (..., slots) `wanted`."""
+    """The answer, with others of their self-motions for some solutions: (..., slots) which, and
+    whether any."""
+    wanted, some = which
     concrete = is_concrete(wanted, pose, *jax.tree.leaves(robot))
-    if concrete and not bool(jnp.any(wanted)):
+    if concrete and not some:
         return answer
     batch, joints = answer.status.shape, answer.q.shape[-1]
     count = math.prod(batch)
@@ -125,7 +134,7 @@ def _replaced(
         held=held,
         quick=size <= _FEW,
     )
-    changed: dict[str, jax.Array] = dict(zip(_FIELDS, ranked))
+    changed = ranked.as_fields()
     solved = jnp.any(ranked.within, axis=-1)
     changed["status"] = jnp.where(solved, jnp.int32(IKStatus.SOLVED), flat.status[index])
     changed = {
@@ -133,13 +142,6 @@ def _replaced(
     }
     flat = dataclasses.replace(flat, **changed)
     return flat.map(lambda x: x.reshape(*batch, *x.shape[1:]))
-
-
-_FIELDS = (
-    *("q", "found", "within_limits", "position_error", "rotation_error"),
-    *("label", "singularity"),
-)
-"""The fields of `IKSolutions` in the order of `Ranked`."""
 
 
 @specialised_for_any_tool

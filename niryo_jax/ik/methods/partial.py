@@ -157,13 +157,7 @@ def _of_own_joints(
     ranked = rank(vectors, limits, tuple(periodic), slots)
     return dataclasses.replace(
         answer,
-        q=ranked.q,
-        found=ranked.found,
-        within_limits=ranked.within,
-        position_error=ranked.position_error,
-        rotation_error=ranked.rotation_error,
-        label=ranked.label,
-        singularity=ranked.singularity,
+        **ranked.as_fields(),
         count=jnp.sum(found, axis=-1, dtype=jnp.int32),
         lower=lower,
         upper=upper,

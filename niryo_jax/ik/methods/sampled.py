@@ -77,12 +77,12 @@ def solve_sampled(robot: Robot, pose: ArrayLike, samples: int = 16) -> IKSolutio
         def pooled(x: jax.Array) -> jax.Array:
             return x.reshape(len(poses), -1, *x.shape[3:])
 
-        q, found, *errors = map(
+        q, found, metres, radians = map(
             pooled, (sets.q, sets.found, sets.position_error, sets.rotation_error)
         )
         found = found & ~duplicates(q, found, periodic)
         label = jnp.full(found.shape, -1, jnp.int32)
-        vectors = JointVectors(q, found, *errors, label, pooled(sets.singularity))
+        vectors = JointVectors(q, found, metres, radians, label, pooled(sets.singularity))
         ranked = rank(vectors, limits, periodic, SLOTS)
         return Answer(ranked, reason.astype(jnp.int32), jnp.zeros_like(nowhere))
 

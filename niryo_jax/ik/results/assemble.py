@@ -39,13 +39,7 @@ def assemble(
     )
     unreachable = status == IKStatus.UNREACHABLE
     return IKSolutions(
-        q=solutions.q,
-        found=solutions.found,
-        within_limits=solutions.within,
-        position_error=solutions.position_error,
-        rotation_error=solutions.rotation_error,
-        label=solutions.label,
-        singularity=solutions.singularity,
+        **solutions.as_fields(),
         status=status,
         unreachable_reason=jnp.where(unreachable, answer.unreachable, UnreachableReason.NONE),
         complete=answer.proved & target.valid,

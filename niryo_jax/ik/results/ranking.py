@@ -41,6 +41,12 @@ class Ranked(NamedTuple):
     label: jax.Array
     singularity: jax.Array
 
+    def as_fields(self) -> dict[str, jax.Array]:
+        """By their names in `IKSolutions`."""
+        fields = self._asdict()
+        fields["within_limits"] = fields.pop("within")
+        return fields
+
 
 class Answer(NamedTuple):
     """What a method says of a batch of poses.
