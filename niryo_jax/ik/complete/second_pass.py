@@ -226,7 +226,7 @@ def _polished(
             damping = damping * jnp.where(better, 1.0 / _DAMPING_FACTOR, _DAMPING_FACTOR)
             damped = damping if few else None
             inverse = rolled.pseudo_inverse(jacobian, DEPENDENT_ROW.of(dtype), damped)
-            move = jnp.sum(inverse * twist[None], axis=1)
+            move = rolled.added(inverse * twist[None], 1)
             moved = q + jnp.clip(move, -_LARGEST_STEP, _LARGEST_STEP)
             return jnp.where(better, moved, best[0]) if few else moved, damping, *best
 

@@ -6,6 +6,8 @@ batch, and compiles for long. Here the joints are the loop, with the batch as th
 
 from __future__ import annotations
 
+import functools
+import operator
 from typing import NamedTuple
 
 import jax
@@ -148,6 +150,15 @@ def bound_twist(
     return _stacked(twist, q[0]), jnp.stack([_stacked(x, q[0]) for x in rows], axis=1)
 
 
+def added(terms: jax.Array, axis: int) -> jax.Array:
+    """The sum of a few terms along an axis, the first of them first.
+
+    XLA's own order depends on the size of the batch, and so would the last bit of every answer.
+    """
+    parts = (jax.lax.index_in_dim(terms, i, axis, False) for i in range(terms.shape[axis]))
+    return functools.reduce(operator.add, parts)
+
+
 def pseudo_inverse(
     matrix: jax.Array, tolerance: float, damping: jax.Array | None = None
 ) -> jax.Array:
@@ -163,12 +174,12 @@ def pseudo_inverse(
         return jnp.swapaxes(turned, 0, 1)
     batch = matrix.shape[2:]
     number = jnp.arange(m).reshape(m, *[1] * (len(batch) + 1))
-    whole = jnp.sum(matrix * matrix, axis=1)
+    whole = added(matrix * matrix, 1)
 
     def step(i: jax.Array, state: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
         rows, right, inverse = state
         row = rows[i]
-        square = jnp.sum(row * row, axis=0)
+        square = added(row * row, 0)
         independent = square > tolerance * tolerance * whole[i]
         per = jnp.where(independent, 1.0 / jnp.sqrt(jnp.where(independent, square, 1.0)), 0.0)
         unit, of_row = row * per, right[i] * per
@@ -176,7 +187,7 @@ def pseudo_inverse(
             of_row = of_row / (1.0 + (damping * per) ** 2)
         inverse = inverse + unit[:, None] * of_row[None]
         # What is left of the rows behind it has no part along it.
-        part = jnp.where(number > i, jnp.sum(rows * unit[None], axis=1)[:, None], 0.0)
+        part = jnp.where(number > i, added(rows * unit[None], 1)[:, None], 0.0)
         return rows - part * unit[None], right - part * of_row[None], inverse
 
     eye = jnp.eye(m, dtype=matrix.dtype).reshape(m, m, *[1] * len(batch))

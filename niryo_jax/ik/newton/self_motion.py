@@ -86,8 +86,8 @@ def best_of_self_motion(
 
         def along(direction: jax.Array) -> jax.Array:
             """What of a direction leaves the tool at rest."""
-            seen = jnp.sum(jacobian * direction[None], axis=1)
-            return direction - jnp.sum(inverse * seen[None], axis=1)
+            seen = rolled.added(jacobian * direction[None], 1)
+            return direction - rolled.added(inverse * seen[None], 1)
 
         here, miss = score(q.T), (metres + radians) / size
         near = miss < _ON_THE_WAY * dependent
@@ -99,7 +99,7 @@ def best_of_self_motion(
 
         ahead = along(heading)
         ahead = ahead / jnp.maximum(jnp.max(jnp.abs(ahead), axis=0), 1e-30)
-        back = _clipped(jnp.sum(inverse * twist[None], axis=1))
+        back = _clipped(rolled.added(inverse * twist[None], 1))
         # A step that leaves the curve, or after which it heads elsewhere, is made again, shorter.
         lengths = jnp.sum(ahead * ahead, axis=0) * jnp.sum(heading * heading, axis=0)
         turns = jnp.sum(ahead * heading, axis=0) < _STRAIGHT * jnp.sqrt(lengths)
