@@ -32,7 +32,8 @@ from niryo_jax import lanes
 from niryo_jax.chain import tool_motion
 from niryo_jax.ik.complete.algorithms import Goal, algorithm_for
 from niryo_jax.ik.complete.driver import _first_pass
-from niryo_jax.ik.newton.pose_error import error_twist
+from niryo_jax.ik.newton.pose_error import miss
+from niryo_jax.ik.task import POSE
 from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes import Lane, Lanes, unpack
 from niryo_jax.lie import se3
@@ -142,8 +143,8 @@ def forward_kinematics(dtype: str, batch: int) -> Floor:
 
 
 def _newton_iteration(target: Lanes, q: Lanes) -> Lanes:
-    twist, jacobian, _ = error_twist(_geometry(), target, q, "body")
-    return q + lanes.solve(jacobian, twist, 0.0, 1e-14)
+    missed = miss(_geometry(), target, q, "body", POSE)
+    return q + lanes.solve(missed.jacobian, missed.twist, 0.0, 1e-14)
 
 
 class Subject(NamedTuple):

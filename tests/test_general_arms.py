@@ -114,14 +114,15 @@ def test_more_poses_than_a_chunk_are_solved_chunk_by_chunk():
     np.testing.assert_array_equal(many.lower, robot.lower)
 
 
-def test_many_starts_stay_undecided_where_nothing_is_found():
-    robot, _, pose, _ = random_case(6)
-    far = pose[:6].copy()
-    far[:, :3, 3] += 50.0
-    far[0, 0, 0] = np.nan
-    status = np.asarray(solve_multistart(robot, far).status)
-    assert status[0] == IKStatus.INVALID_POSE
-    assert np.all(status[1:] == IKStatus.UNDECIDED)
+def test_many_starts_prove_only_what_all_links_in_a_row_do_not_reach():
+    for prismatic, status in (((), IKStatus.UNREACHABLE), ((2,), IKStatus.UNDECIDED)):
+        robot, _, pose, _ = random_case(6, prismatic)
+        far = pose[:6].copy()
+        far[:, :3, 3] += 50.0
+        far[0, 0, 0] = np.nan
+        found = np.asarray(solve_multistart(robot, far).status)
+        assert found[0] == IKStatus.INVALID_POSE
+        assert np.all(found[1:] == status)
 
 
 def test_many_starts_respect_the_limits(niryo, rng):

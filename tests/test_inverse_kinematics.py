@@ -219,5 +219,5 @@ def test_wrong_use_is_refused_by_name(niryo, rng):
             nj.inverse_kinematics(random, POSES[0], method=method)
     with pytest.raises(TypeError, match="Close over the robot"):
         jax.jit(lambda robot: nj.inverse_kinematics(robot, POSES[0], method="seeded"))(niryo)
-    with pytest.raises(TypeError, match=r"expected a niryo_jax\.Robot, got str"):
+    with pytest.raises(TypeError, match=r"robot: expected a niryo_jax\.Robot, got 'niryo_one'"):
         nj.forward_kinematics("niryo_one", np.zeros(6))

@@ -321,8 +321,10 @@ def test_a_section_is_the_plane_of_voxels_that_holds_the_coordinate(axis):
     low, high = (float(corner[VOXELS.index(axis)]) for corner in (grid.lower, grid.upper))
     xr.testing.assert_identical(section(map, axis, high), map.isel({axis: -1}))
     xr.testing.assert_identical(section(map, axis, round(low, 6)), map.isel({axis: 0}))
-    for at in (low - 0.01, high + 0.01, np.nan):
+    for at in (low - 0.01, high + 0.01):
         with pytest.raises(ValueError, match=f"spans {axis} from {low:.6g} to {high:.6g} m"):
             section(map, axis, at)
+    with pytest.raises(ValueError, match="at: expected a number"):
+        section(map, axis, np.nan)
     with pytest.raises(ValueError, match="axis"):
         section(map, "w", 0.0)

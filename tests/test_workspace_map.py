@@ -112,7 +112,7 @@ def test_singular_values_are_those_of_lapack(rows, columns, rng):
         ({"voxel": 5.0}, "voxel"),
         ({"bounds": ((0, 0, 0), (1, 0, 1))}, "bounds"),
         ({"bounds": ((0, 0, np.nan), (1, 1, 1))}, "bounds"),
-        ({"orientations": 0}, "number"),
+        ({"orientations": 0}, "orientations: expected 1 or more"),
         ({"length": 0.0}, "length"),
         ({"dexterous": -1.0}, "dexterous"),
         ({"share": (2, 2)}, "share"),

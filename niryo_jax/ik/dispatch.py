@@ -101,7 +101,7 @@ def inverse_kinematics(
                 f"joint nor an arm angle; got method {method!r}"
             )
         if q_ref is not None:
-            raise ValueError(f"q_ref: is for task 'pose', got {task!r}")
+            raise ValueError(f"q_ref: expected task 'pose', got {task!r}")
         by_closed_form = None if method is None else method == "complete"
         return solve_partial(robot, pose, bound, by_closed_form, tolerance)
     if method is None:
@@ -115,7 +115,7 @@ def inverse_kinematics(
     if method == "complete":
         return solve_complete(robot, pose, q_ref=q_ref, tolerance=tolerance)
     if q_ref is not None:
-        raise ValueError(f"q_ref: is for method 'complete', got {method!r}")
+        raise ValueError(f"q_ref: expected method 'complete', got {method!r}")
     if method == "multistart":
         return solve_multistart(robot, pose, tolerance=tolerance)
     return _SOLVERS[method](robot, pose)
