@@ -244,10 +244,10 @@ def test_newton_raphson_takes_a_task(rng):
 def test_wrong_use_is_refused_by_name():
     robot = desktop()
     for options, words in (
-        ({"task": "axis"}, "task: expected one of pose, direction, position, got 'axis'"),
+        ({"task": "axis"}, "task: expected one of 'pose', 'direction', 'position', got 'axis'"),
         ({"task": ["pose"]}, "task: expected one of"),
         ({"task": "direction", "tool_axis": [0, 0, 0]}, "tool_axis: expected a vector"),
-        ({"task": "direction", "tool_axis": "z"}, "tool_axis: expected a vector"),
+        ({"task": "direction", "tool_axis": "z"}, "tool_axis: expected an array of numbers"),
         ({"task": "direction", "tool_axis": [1.0, np.nan, 0.0]}, "tool_axis: expected a vector"),
         ({"tolerance": -1.0}, "tolerance: expected"),
         ({"tolerance": "much"}, "tolerance: expected"),

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Literal, TypeGuard
+from typing import Literal
 
 import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax._jax import is_concrete
+from niryo_jax.arguments import as_data, check_choice, shown
 
 TaskName = Literal["pose", "direction", "position"]
 
@@ -53,11 +54,7 @@ class Task:
 POSE = Task("pose")
 
 
-def _is_task(name: str) -> TypeGuard[TaskName]:
-    return isinstance(name, str) and name in BOUND  # pyright: ignore[reportUnnecessaryIsInstance]
-
-
-def task_of(name: str, tool_axis: ArrayLike | Sequence[float]) -> Task:
+def task_of(name: TaskName, tool_axis: ArrayLike | Sequence[float]) -> Task:
     """A task by its name.
 
     Args:
@@ -66,18 +63,16 @@ def task_of(name: str, tool_axis: ArrayLike | Sequence[float]) -> Task:
 
     Raises:
         ValueError: another name; an axis of another shape, or that has no direction.
-        TypeError: a traced axis.
+        TypeError: an axis that is traced, or not made of real numbers.
     """
-    if not _is_task(name):
-        raise ValueError(f"task: expected one of {', '.join(BOUND)}, got {name!r}")
+    check_choice("task", name, BOUND)
     if not is_concrete(tool_axis):
         raise TypeError("tool_axis: expected a concrete vector, got a traced one")
-    try:
-        axis = np.asarray(tool_axis, float)
-    except (TypeError, ValueError):
-        axis = np.full(0, np.nan)
+    axis = np.asarray(as_data("tool_axis", tool_axis), float)
     length = float(np.linalg.norm(axis))
     if axis.shape != (3,) or not 0 < length < np.inf:
-        raise ValueError(f"tool_axis: expected a vector (3,) that is not zero, got {tool_axis!r}")
+        raise ValueError(
+            f"tool_axis: expected a vector (3,) that is not zero, got {shown(tool_axis)}"
+        )
     unit = tuple(float(x) for x in axis / length)
     return Task(name, unit) if name == "direction" else Task(name)
