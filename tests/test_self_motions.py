@@ -210,3 +210,20 @@ def test_an_arm_with_an_elbow_next_to_straight_is_solved(bend):
     q[: COUNT // 2, 1] = 0.0  # Upright as well.
     answer = nj.inverse_kinematics(robot, nj.forward_kinematics(robot, q))
     assert np.all(np.asarray(answer.status) == IKStatus.SOLVED)
+
+
+def test_every_aligned_wrist_at_multiples_of_45_degrees_is_solved_within_the_limits():
+    # A row of the Jacobian is then nothing but rounding, which is no row independent of the others.
+    robot = nj.robots.load("niryo_one_report")
+    rng = np.random.default_rng(13)
+    quarter = np.pi / 4
+    steps = rng.integers(
+        np.ceil(robot.lower / quarter), np.floor(robot.upper / quarter) + 1, (64, 6)
+    )
+    q = steps * quarter
+    q[:, 4] = 0.0
+    answer = nj.inverse_kinematics(robot, nj.forward_kinematics(robot, q))
+    assert np.all(np.asarray(answer.status) == IKStatus.SOLVED)
+    nearest, ok = answer.nearest(q)
+    assert np.all(ok)
+    np.testing.assert_allclose(nearest, q, atol=1e-9)

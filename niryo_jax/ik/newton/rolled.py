@@ -165,8 +165,9 @@ def pseudo_inverse(
     """(m, n, ...) -> (n, m, ...): what gives the least solution, by modified Gram-Schmidt.
 
     A row (a column where m > n) that is independent of those before it by less than the share
-    `tolerance` is left out: the others are solved for, and nothing becomes infinite. With a damping
-    d (...,) each pivot r is divided by as r / (r^2 + d^2).
+    `tolerance` is left out, and so is one that is nothing but rounding beside the longest: the
+    others are solved for, and nothing becomes infinite. With a damping d (...,) each pivot r is
+    divided by as r / (r^2 + d^2).
     """
     m, n = matrix.shape[:2]
     if m > n:
@@ -175,12 +176,13 @@ def pseudo_inverse(
     batch = matrix.shape[2:]
     number = jnp.arange(m).reshape(m, *[1] * (len(batch) + 1))
     whole = added(matrix * matrix, 1)
+    rounding = (16 * float(jnp.finfo(matrix.dtype).eps)) ** 2 * jnp.max(whole, axis=0)
 
     def step(i: jax.Array, state: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
         rows, right, inverse = state
         row = rows[i]
         square = added(row * row, 0)
-        independent = square > tolerance * tolerance * whole[i]
+        independent = square > jnp.maximum(tolerance * tolerance * whole[i], rounding)
         per = jnp.where(independent, 1.0 / jnp.sqrt(jnp.where(independent, square, 1.0)), 0.0)
         unit, of_row = row * per, right[i] * per
         if damping is not None:
