@@ -99,10 +99,9 @@ CONDITION_ROUNDING = ByDtype(4e-15, 2e-6)
 """The condition of an offset-wrist arm (a cosine) is computed to within this, for a
 pose within rounding of the one that is given."""
 
-ELBOW_ROUNDING = ByDtype(0.0, 1e-6)
-"""The rounding of a pose moves the condition by less than this over the sine of the elbow angle. In
-float64 CONDITION_ROUNDING covers it: no pose was found that needs more, and more leaves poses next
-to a stretched elbow without a proof."""
+ELBOW_ROUNDING = ByDtype(2e-15, 1e-6)
+"""The rounding of a pose moves the condition by less than this over the sine of the elbow angle:
+ten units in the last place of a metre."""
 
 SECANT = ByDtype(1e-9, 1e-3)
 """Two points nearer to each other than this (radians) tell the rounding of the condition of an

@@ -123,6 +123,29 @@ def test_nothing_false_is_said_at_multiples_of_45_degrees(name):
     assert counts["found"] >= 0.99 * counts["poses"]
 
 
+@pytest.mark.parametrize("upper_arm", [0.54, 0.71])
+def test_a_folded_arm_with_a_large_wrist_offset_is_not_called_unreachable(upper_arm):
+    axes = [[0, 0, 1], [0, 1, 0], [0, -1, 0], [-1, 0, 0], [0, -1, 0], [-1, 0, 0]]
+    z = 0.245 + upper_arm
+    points = [[0, 0, 0], [0, 0, 0.245], [0, 0, z], [0, 0, z], [0.54, 0, z], [0, -0.15, z]]
+    robot = offset_arm(axes, points, place(0.7, -0.15, z))
+    # With joint 5 at 0 or half a turn the wrist circle meets the edge of the elbow's reach.
+    turns = np.random.default_rng(3).integers(-4, 5, (300, 6))
+    turns[:, 4] *= 4
+    folded = [[-2, 0, -6, 3, 0, -1], [1, 3, 6, 2, 0, -2], [0, 3, 6, 2, 0, 2]]
+    q = np.concatenate([np.array(folded), turns]) * math.pi / 4
+    pose = nj.forward_kinematics(robot, q)
+    answer = nj.inverse_kinematics(robot, pose)
+    assert not np.any(answer.status == nj.IKStatus.UNREACHABLE)
+    found = np.asarray(answer.found)
+    apart = np.abs((np.asarray(answer.q) - q[:, None] + np.pi) % (2 * np.pi) - np.pi)
+    made_by = np.any(np.all(apart < 1e-5, axis=-1) & found, axis=-1)
+    endless = np.any(
+        (np.asarray(answer.singularity) == nj.Singularity.SELF_MOTION) & found, axis=-1
+    )
+    assert np.all(made_by | endless | ~np.asarray(answer.complete))
+
+
 def test_the_judge_of_honesty_sees_what_is_false():
     robot = nj.robots.abb_irb120()
 

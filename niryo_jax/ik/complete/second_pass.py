@@ -25,6 +25,7 @@ from niryo_jax.ik.offset_wrist.posture import branch_label, joint_angles
 from niryo_jax.ik.offset_wrist.subdivision import (
     BRACKET,
     CROSSING,
+    FOLDED,
     SELF_MOTION,
     TOUCHING,
     Roots,
@@ -43,7 +44,7 @@ from niryo_jax.tolerances import DEPENDENT_ROW, IK_POLISH, IK_POSITION
 
 _AT_ONCE = 2048
 _POLISHED = 128
-_POLISHING = 6
+_POLISHING = 20
 _APPROACHING = 12
 _DAMPING_FACTOR = 5.0
 _LARGEST_STEP = 0.2
@@ -71,13 +72,18 @@ def by_subdivision(
     solved = _polished(geometry, target, solved, roots.pose, periodic)
     real = roots.pose < rows
     # A crossing's roots are met many times over; where two of them merge, only the best are alike.
-    share = jnp.where(roots.kind == CROSSING, IK_POLISH.of(dtype) / IK_POSITION.of(dtype), 1.0)
+    # Where the condition touches zero, much that is no solution all but closes.
+    endless = (roots.kind == SELF_MOTION) | (roots.kind == FOLDED)
+    strict = (roots.kind == CROSSING) | (roots.kind == TOUCHING) | (roots.kind == FOLDED)
+    share = jnp.where(strict, IK_POLISH.of(dtype) / IK_POSITION.of(dtype), 1.0)
     good = real & within_tolerance(*solved.errors, share)
 
     # A root that is proved to be there and whose joint vector does not close is a solution lost;
-    # one that touches zero to rounding and nearly closes may be.
+    # one that touches zero to rounding and nearly closes may be, and so may one of a condition
+    # that vanishes all along a branch.
     near = within_tolerance(*solved.errors, _NEARLY)
-    lost = real & ~good & ((roots.kind == BRACKET) | ((roots.kind == TOUCHING) & near))
+    sure = (roots.kind == BRACKET) | endless
+    lost = real & ~good & (sure | ((roots.kind == TOUCHING) & near))
 
     def different(size: int) -> tuple[jax.Array, jax.Array]:
         owner = jnp.where(good, roots.pose, rows)[:size]
@@ -95,9 +101,8 @@ def by_subdivision(
         )
     table = table.T
     taken = jnp.maximum(table, 0)
-    kind = roots.kind[taken]
     singularity = jnp.select(
-        [kind == SELF_MOTION, kind == TOUCHING],
+        [endless[taken], roots.kind[taken] == TOUCHING],
         [jnp.int32(Singularity.SELF_MOTION), jnp.int32(Singularity.MERGED)],
         jnp.int32(Singularity.NONE),
     )

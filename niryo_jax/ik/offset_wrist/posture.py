@@ -122,6 +122,7 @@ def posture_or_crossing(
     elbow: Lane,
     sign: Lane,
     crossing: Condition,
+    folded: Condition,
 ) -> Posture:
     """`posture`, but for where the wrist point is on axis 1, which theta_1 does not move there.
 
@@ -130,17 +131,28 @@ def posture_or_crossing(
         circle, t, elbow: as of `posture`.
         sign: 1 or -1: the shoulder; or which of the two roots of f as a sinusoid in theta_1.
         crossing: where the wrist is on axis 1.
+        folded: where it is at the shoulder, which theta_2 does not move either: the forearm lies
+            along P2 there.
     """
     bent, u = _on_circle(circle, t, elbow)
 
     # f is affine in the cosine and sine of theta_1: three points of the plane determine it.
     dtype = bent[0].array.dtype
     cos, sin = (Lane(jnp.array(values, dtype)[:, None]) for values in ([0, 1, 0], [0, 0, 1]))
-    three = _posture(arm, circle, bent, u, sign, (np.bool_(True), lanes.lanes_of([cos, sin])))
+    every = _Fixed(np.bool_(True), lanes.lanes_of([cos, sin]), folded)
+    three = _posture(arm, circle, bent, u, sign, every)
     constant, along_x, along_y = map(Lane, lanes.materialise(three.dot - arm.wrist_angle).array)
     scale = 1.0 + abs(constant) + abs(along_x) + abs(along_y)
     root, _ = sinusoid_root(along_x - constant, along_y - constant, constant, sign, scale)
-    return _posture(arm, circle, bent, u, sign, (crossing, root))
+    return _posture(arm, circle, bent, u, sign, _Fixed(crossing, root, folded))
+
+
+class _Fixed(NamedTuple):
+    """What the wrist point does not tell: theta_1 `where` it is `turn`, the forearm if `folded`."""
+
+    where: Condition
+    turn: Lanes
+    folded: Condition
 
 
 def _posture(
@@ -149,9 +161,9 @@ def _posture(
     elbow: Lanes,
     u: Lanes,
     shoulder: Lane | float,
-    fixed: tuple[Condition, Lanes] | None = None,
+    fixed: _Fixed | None = None,
 ) -> Posture:
-    """The arm at an elbow angle and an angle on the circle; `fixed` says where theta_1 is given."""
+    """The arm at an elbow angle and an angle on the circle."""
     d, (lean, upright) = arm.sideways, arm.shoulder_angle
     side, second, axis_6 = circle.axes
     wrist = circle.centre + (arm.radius * u[0]) * side + (arm.radius * u[1]) * second
@@ -165,12 +177,17 @@ def _posture(
     some = square > _TINY
     per = lanes.select(some, 1.0 / lanes.select(some, square, 1.0), 0.0)
     turn = np.array([(x * w - y * h) * per, (y * w + x * h) * per], dtype=object)
-    turn = lanes.materialised(turn if fixed is None else lanes.choose(fixed[0], fixed[1], turn))
+    turn = lanes.materialised(
+        turn if fixed is None else lanes.choose(fixed.where, fixed.turn, turn)
+    )
     reach = np.array([v, h], dtype=object)
     a, b = arm.upper_arm, arm.forearm
     ahead, aside = a * elbow[0] + b, a * elbow[1]
     per = lanes.materialise(1.0 / lanes.maximum(v * v + h * h, _TINY))
     forearm = np.array([(ahead * v - aside * h) * per, (ahead * h + aside * v) * per], dtype=object)
+    if fixed is not None:
+        along = lanes.lanes_of([Lane(jnp.array(x, v.array.dtype)) for x in (0.0, 1.0)])
+        forearm = lanes.choose(fixed.folded, along, forearm)
     # Axis 5 turns with the angle on the circle.
     h0, h1, h2 = arm.hand
     cos_u, sin_u = u

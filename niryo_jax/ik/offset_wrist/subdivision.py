@@ -38,7 +38,7 @@ _ITEMS = 1 << 17
 _ROOTS = 1024
 _ROOM, _MORE_ROOM = 64, 16384
 _REFINEMENTS = 9
-BRACKET, TOUCHING, CROSSING, SELF_MOTION = 0, 1, 2, 3
+BRACKET, TOUCHING, CROSSING, SELF_MOTION, FOLDED = 0, 1, 2, 3, 4
 
 
 class Roots(NamedTuple):
@@ -58,7 +58,8 @@ class Roots(NamedTuple):
 
     @property
     def kind(self) -> jax.Array:
-        """(r,) `BRACKET`, `TOUCHING`, `CROSSING` (of axis 1), or `SELF_MOTION`."""
+        """(r,) `BRACKET`, `TOUCHING`, `CROSSING` (of axis 1), `SELF_MOTION`, or `FOLDED` (the
+        wrist at the shoulder)."""
         return self.intervals[:, 1].astype(jnp.int32) // 4
 
 
@@ -134,8 +135,9 @@ def posture_of(arm: OffsetWristParameters, circle: WristCircle, intervals: jax.A
         return condition.at(arm, circle, signs, t).posture.materialised()
     sin, cos = lanes.sincos(Lane(t))
     sin_cos = lanes.materialise(sin), lanes.materialise(cos)
-    crossing = kind == CROSSING
-    return posture_or_crossing(arm, circle, sin_cos, *signs, crossing).materialised()
+    folded = kind == FOLDED
+    crossing = folded | (kind == CROSSING)
+    return posture_or_crossing(arm, circle, sin_cos, *signs, crossing, folded).materialised()
 
 
 def _first_intervals(
@@ -201,10 +203,12 @@ def _step(
     sine = lanes.materialise(abs(found.elbow[1]), by=Lane(f_middle)).array
     rounding = pose_rounding(sine - 2.0 * reach, dtype)
     touching = jnp.abs(f_middle) < jnp.maximum(SQUARE_ROOT_END, rounding)
-    crossing = jnp.zeros_like(live)
+    crossing = folded = jnp.zeros_like(live)
     if arm.is_planar:
         distance = lanes.materialise(found.from_axis_1 + arm.radius * 2.0 * reach)
-        crossing = jnp.asarray(distance < ON_AXIS_1.of(dtype) * arm.radius)
+        near = ON_AXIS_1.of(dtype) * arm.radius
+        crossing = jnp.asarray(distance < near)
+        folded = crossing & jnp.asarray(abs(found.reach[0]) < near)
 
     halves, certain, roots = list[jax.Array](), list[jax.Array](), list[jax.Array]()
     for a, b, f_a, f_b in ((low, middle, f_low, f_middle), (middle, high, f_middle, f_high)):
@@ -213,7 +217,7 @@ def _step(
         flat = sag + reach * reach * 1e-2 < CONDITION_ROUNDING.of(dtype)
         narrow = flat | (reach < NARROWEST.of(dtype))
         # Each half of a crossing stands for one of its two roots, on whatever branch it is met.
-        of_root = 2 * (branch // 2) + len(halves) + 4 * CROSSING
+        of_root = 2 * (branch // 2) + len(halves) + 4 * jnp.where(folded, FOLDED, CROSSING)
         code = branch + 4 * jnp.where(proved, BRACKET, TOUCHING).astype(dtype)
         code = jnp.where(crossing, of_root, code)
         halves.append(jnp.stack([pose, code, a, b, f_a, f_b], -1))
