@@ -121,6 +121,11 @@ class Robot:
         return self._structure.plans
 
     @property
+    def is_general(self) -> bool:
+        """Whether the arm has six revolute joints and is of no kind that is solved otherwise."""
+        return self._structure.general
+
+    @property
     def joints(self) -> int:
         """The number of joints n."""
         return self.screws.shape[-2]

@@ -158,3 +158,10 @@ would be one solution."""
 
 BRANCHES_MEET = 0.1
 """Branches that are nearer than this (radians) where both end have merged there."""
+
+AT_REST = ByDtype(2e-14, 1e-6)
+"""The tool rests on a self-motion to within this (metres and radians; times the distance of the
+pose where that is more than a metre)."""
+
+POLYNOMIAL_NOISE = 500.0
+"""The polynomial of a general arm is known to within this many times its estimated noise."""

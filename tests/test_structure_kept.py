@@ -123,7 +123,7 @@ def test_a_robot_and_its_rates_are_trees_of_one_kind(niryo):
 @pytest.mark.parametrize("name", nj.robots.names())
 def test_what_is_found_of_an_arm_is_what_a_program_looks_for(name):
     screws = nj.robots.load(name).screws
-    known, plans = structure_of(screws)
+    known, plans, _ = structure_of(screws)
     traced = jnp.asarray(screws)
     assert bool(is_offset_wrist(traced, jnp)) == (known is not None)
     for plan in plans:

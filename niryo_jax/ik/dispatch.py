@@ -10,7 +10,7 @@ from jax.typing import ArrayLike
 
 from niryo_jax.arguments import check_choice, check_number
 from niryo_jax.ik.methods.complete import Locked, solve_complete
-from niryo_jax.ik.methods.continuation import nominal, solve_by_continuation
+from niryo_jax.ik.methods.continuation import solve_by_continuation
 from niryo_jax.ik.methods.multistart import solve_multistart
 from niryo_jax.ik.methods.partial import solve_partial
 from niryo_jax.ik.methods.sampled import solve_sampled, spare
@@ -141,4 +141,4 @@ def method_for(robot: Robot) -> Method:
         return "complete"
     if spare(robot) is not None:
         return "sampled"
-    return "multistart" if nominal(robot) is None else "continuation"
+    return "complete" if robot.is_general else "multistart"

@@ -36,6 +36,7 @@ from niryo_jax.ik.results.status import IKStatus, Singularity
 from niryo_jax.ik.target import make_target
 from niryo_jax.robot import Robot
 from niryo_jax.specialise import Geometry, specialised_for_any_tool
+from niryo_jax.tolerances import AT_REST
 
 _AT_ONCE, _FEW = 64, 64
 _COMFORTABLE = 0.1
@@ -207,7 +208,9 @@ def _searched(
             return jnp.where(pick, x[:, slots:], x[:, :slots])
 
         q, position, rotation, new = map(chosen, (q, position, rotation, new))
-    better = wanted[:, :slots] & (new > old)
+    # An isolated solution next to which the tool hardly moves is not one of infinitely many.
+    at_rest = position + rotation <= AT_REST.of(pose.dtype) * size[:, None]
+    better = wanted[:, :slots] & (new > old) & at_rest
     vectors = vectors._replace(
         q=jnp.where(better[..., None], q, vectors.q),
         position_error=jnp.where(better, position, vectors.position_error),

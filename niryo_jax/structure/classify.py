@@ -37,10 +37,12 @@ class Structure(NamedTuple):
     Attributes:
         offset_wrist: which numbers of an offset-wrist arm are 0, 1 or -1; None of other arms.
         plans: how it can be solved in closed form.
+        general: whether it has six revolute joints and is of none of these kinds.
     """
 
     offset_wrist: KnownNumbers | None
     plans: tuple[ClosedFormPlan, ...]
+    general: bool = False
 
 
 def structure_of(screws: Any) -> Structure:
@@ -56,7 +58,9 @@ def structure_of(screws: Any) -> Structure:
 @functools.lru_cache(maxsize=256)
 def _structure_of(numbers: bytes, shape: tuple[int, ...], dtype: type) -> Structure:
     screws = np.frombuffer(numbers, dtype).reshape(shape)
-    return Structure(known_numbers_of(screws), closed_form_plans(screws))
+    known, plans = known_numbers_of(screws), closed_form_plans(screws)
+    general = known is None and not plans and joint_kinds(screws) == ("revolute",) * 6
+    return Structure(known, plans, general)
 
 
 def closed_form_plans(screws: np.ndarray) -> tuple[ClosedFormPlan, ...]:
@@ -155,11 +159,12 @@ def describe(screws: np.ndarray) -> list[str]:
             known = ", ".join(map(str, sorted(joints)))
             how += f" for each value of a locked joint (its index, counted from 0, one of {known})"
             how += " or each arm angle" * plans[-1].by_arm_angle
-    elif nearly_offset_wrist_axes(screws) is not None:
-        return [
-            "family: nearly 1 and 2 meet, 2 parallel to 3, 4 and 5 meet",
-            "inverse kinematics: from all solutions of the nearest such arm; not proved",
-        ]
+    elif joint_kinds(screws) == ("revolute",) * 6:
+        family = "six revolute joints of no special geometry"
+        if nearly_offset_wrist_axes(screws) is not None:
+            family = "nearly 1 and 2 meet, 2 parallel to 3, 4 and 5 meet"
+        how = "every solution, from the roots of one polynomial, mostly with a proof; at most 16"
+        singular = "two solutions merging"
     else:
         return ["inverse kinematics: Newton-Raphson from many guesses; some may be missed"]
     return [f"family: {family}", f"inverse kinematics: {how}", f"singularities: {singular}"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +12,7 @@ import numpy as np
 from niryo_jax import lanes
 from niryo_jax.chain import joint_motion
 from niryo_jax.ik.closed_form import families
+from niryo_jax.ik.complete.general_arm import solve_general_arm
 from niryo_jax.ik.complete.second_pass import by_polish, by_subdivision
 from niryo_jax.ik.offset_wrist.parameters import OffsetWristParameters, parameters_from
 from niryo_jax.ik.offset_wrist.scan import scan_candidates
@@ -24,6 +25,7 @@ from niryo_jax.ik.results.status import UnreachableReason
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lie import se3
 from niryo_jax.specialise import Geometry
+from niryo_jax.structure.closure import ByClosure
 from niryo_jax.structure.families import ClosedFormPlan
 from niryo_jax.structure.offset_wrist import KnownNumbers
 
@@ -42,6 +44,15 @@ class Goal(NamedTuple):
 
 class Algorithm(Protocol):
     """How the complete method solves one kind of arm."""
+
+    def second_pass(self, goal: Goal, live: jax.Array, limits: Limits) -> Answer:
+        """The answers of poses, whatever it takes."""
+        ...
+
+
+@runtime_checkable
+class TwoPasses(Algorithm, Protocol):
+    """What solves most poses of a large batch sooner than the others."""
 
     @property
     def periodic(self) -> tuple[bool, ...]:
@@ -67,10 +78,6 @@ class Algorithm(Protocol):
         self, geometry: Geometry, target: Lanes, goal: Goal
     ) -> tuple[Candidates, jax.Array]:
         """The candidates, and (rows,) an `UnreachableReason`; `target` is the pose of `goal`."""
-        ...
-
-    def second_pass(self, goal: Goal, live: jax.Array, limits: Limits) -> Answer:
-        """The answers of poses, whatever it takes."""
         ...
 
 
@@ -166,7 +173,19 @@ class ClosedForm:
         )
 
 
-Structure = KnownNumbers | ClosedFormPlan
+@dataclasses.dataclass(frozen=True)
+class GeneralArm:
+    """Six revolute joints of any geometry, by the roots of one polynomial."""
+
+    whole: Geometry
+    numbers: jax.Array
+
+    def second_pass(self, goal: Goal, live: jax.Array, limits: Limits) -> Answer:
+        """By all ways of elimination that it takes."""
+        return solve_general_arm(self.whole, self.numbers, goal.pose, live, limits)
+
+
+Structure = KnownNumbers | ClosedFormPlan | ByClosure
 """What is known of an arm while tracing, for the algorithm that fits it."""
 
 
@@ -178,9 +197,12 @@ def algorithm_for(
     Args:
         structure: what is known of it while tracing.
         geometry: the arm.
-        numbers: the other numbers of an offset-wrist arm, and none of others.
+        numbers: the other numbers of an offset-wrist arm, those of each way of elimination of a
+            general one, and none of others.
         tolerance: metres and radians by which an arm of fewer than six joints may miss a pose.
     """
     if isinstance(structure, ClosedFormPlan):
         return ClosedForm(geometry, structure, tolerance)
+    if isinstance(structure, ByClosure):
+        return GeneralArm(geometry, numbers)
     return OffsetWrist(geometry, parameters_from(structure, list(numbers)))

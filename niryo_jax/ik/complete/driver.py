@@ -15,7 +15,7 @@ from niryo_jax import lanes
 from niryo_jax.execution.compaction import at_once, for_each_chunk
 from niryo_jax.execution.devices import BatchSharding, on_each_device
 from niryo_jax.execution.padding import BLOCK, is_small
-from niryo_jax.ik.complete.algorithms import Algorithm, Goal, Structure, algorithm_for
+from niryo_jax.ik.complete.algorithms import Algorithm, Goal, Structure, TwoPasses, algorithm_for
 from niryo_jax.ik.newton.pose_error import extent, may_take_pose, pose_errors, within_tolerance
 from niryo_jax.ik.results.assemble import assemble
 from niryo_jax.ik.results.candidates import in_slots
@@ -27,6 +27,7 @@ from niryo_jax.ik.target import make_target
 from niryo_jax.lanes import Lanes
 from niryo_jax.lie import se3
 from niryo_jax.specialise import Geometry, specialised_for_any_tool
+from niryo_jax.structure.closure import ByClosure
 from niryo_jax.structure.conditions import is_offset_wrist, plan_fits
 from niryo_jax.structure.families import ClosedFormPlan
 from niryo_jax.structure.offset_wrist import arm_numbers, numbers_are_as_known
@@ -110,6 +111,8 @@ def _has_structure(geometry: Geometry, structure: Structure, dtype: np.dtype) ->
     screws = screws.reshape(geometry.joints, 6)
     if isinstance(structure, ClosedFormPlan):
         return jnp.asarray(plan_fits(structure, screws, jnp))
+    if isinstance(structure, ByClosure):
+        return jnp.asarray(True)
     numbers = arm_numbers(screws, jnp.zeros(3, dtype), jnp)
     return is_offset_wrist(screws, jnp) & numbers_are_as_known(structure, numbers)
 
@@ -143,7 +146,7 @@ def solve_rows(
         pose = lanes.pack(untwisted(goal.pose), live.shape, goal.pose.dtype)
         return _if_sound(algorithm.second_pass(goal._replace(pose=pose), live, limits), sound)
 
-    if is_small(size):
+    if is_small(size) or not isinstance(algorithm, TwoPasses):
         return second_pass(goal, valid)
     block = at_once(BLOCK, size)
     blocks = jax.tree.map(lambda x: x.reshape(size // block, block, *x.shape[1:]), (goal, valid))
@@ -174,7 +177,7 @@ def _if_sound(answer: Answer, sound: jax.Array) -> Answer:
 
 
 def _first_pass(
-    algorithm: Algorithm, target: Lanes, goal: Goal, valid: jax.Array, limits: Limits
+    algorithm: TwoPasses, target: Lanes, goal: Goal, valid: jax.Array, limits: Limits
 ) -> Answer:
     """The answers of the first pass, which leaves open what it does not prove."""
     geometry = algorithm.free_arm(goal.held)

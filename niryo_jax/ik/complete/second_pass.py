@@ -6,13 +6,12 @@ polished on the full pose; the different ones are ranked. Work is done a chunk a
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 
 from niryo_jax import lanes
-from niryo_jax.execution.compaction import at_once, for_each_chunk
+from niryo_jax.execution.compaction import for_each_chunk
+from niryo_jax.ik.complete.polish import MOST, Solved, chunk_of, polished
 from niryo_jax.ik.newton import rolled
 from niryo_jax.ik.newton.pose_error import (
     extent,
@@ -35,20 +34,15 @@ from niryo_jax.ik.offset_wrist.subdivision import (
 from niryo_jax.ik.offset_wrist.wrist_circle import WristCircle, reason_out_of_reach, wrist_circle
 from niryo_jax.ik.results.candidates import Candidates, JointVectors, in_slots
 from niryo_jax.ik.results.deduplicate import distinct, duplicates
-from niryo_jax.ik.results.limits import Limits, without_whole_turns
+from niryo_jax.ik.results.limits import Limits
 from niryo_jax.ik.results.ranking import Answer, rank
 from niryo_jax.ik.results.status import Singularity, UnreachableReason
 from niryo_jax.lanes import RecordRows
 from niryo_jax.specialise import Geometry
-from niryo_jax.tolerances import DEPENDENT_ROW, IK_POLISH, IK_POSITION
+from niryo_jax.tolerances import IK_POLISH, IK_POSITION
 
 _AT_ONCE = 2048
 _POLISHED = 128
-_POLISHING = 20
-_APPROACHING = 12
-_DAMPING_FACTOR = 5.0
-_LARGEST_STEP = 0.2
-_MOST = 16
 _FEW = 12
 _NEARLY = 100.0
 
@@ -69,7 +63,7 @@ def by_subdivision(
     roots = find_roots(arm, circles, live & (unreachable == UnreachableReason.NONE))
     periodic = (True,) * geometry.joints
     solved = _joint_vectors(geometry, arm, circles, target, roots)
-    solved = _polished(geometry, target, solved, roots.pose, periodic)
+    solved = polished(geometry, target, solved, roots.pose, periodic)
     real = roots.pose < rows
     # A crossing's roots are met many times over; where two of them merge, only the best are alike.
     # Where the condition touches zero, much that is no solution all but closes.
@@ -87,7 +81,7 @@ def by_subdivision(
 
     def different(size: int) -> tuple[jax.Array, jax.Array]:
         owner = jnp.where(good, roots.pose, rows)[:size]
-        table, crowded = distinct(solved.q[:size], owner, rows, _MOST)
+        table, crowded = distinct(solved.q[:size], owner, rows, MOST)
         return table, crowded.at[jnp.where(lost, roots.pose, rows)[:size]].set(True, mode="drop")
 
     if rows < _POLISHED:
@@ -129,8 +123,8 @@ def by_polish(
     q = jnp.stack([in_slots(lane.array, shape).reshape(-1) for lane in candidates.q], axis=-1)
     errors = rolled.pose_errors(geometry.at(pose), lanes.unpack(target[pose], 2), q.T)
     possible = possible & may_take_pose(geometry.joints, *errors, tolerance)
-    solved = _Solved(q, *errors, candidates.label.reshape(-1))
-    solved = _polished(geometry, target, solved, jnp.where(possible, pose, rows), periodic)
+    solved = Solved(q, *errors, candidates.label.reshape(-1))
+    solved = polished(geometry, target, solved, jnp.where(possible, pose, rows), periodic)
 
     def by_pose(x: jax.Array) -> jax.Array:
         return jnp.swapaxes(x.reshape(*shape, *x.shape[1:]), 0, 1)
@@ -150,40 +144,17 @@ def by_polish(
     return Answer(rank(vectors, limits, periodic, slots), unreachable, proved)
 
 
-class _Solved(NamedTuple):
-    """Joint vectors (r, n), the metres and radians by which they miss, and their branches."""
-
-    q: jax.Array
-    position: jax.Array
-    rotation: jax.Array
-    label: jax.Array
-
-    @property
-    def errors(self) -> tuple[jax.Array, jax.Array]:
-        """Metres and radians by which they miss."""
-        return self.position, self.rotation
-
-    def replace(self, where: jax.Array, new: _Solved) -> _Solved:
-        """With the rows `where` replaced; rows out of range are left out."""
-        return _Solved(*(x.at[where].set(y, mode="drop") for x, y in zip(self, new)))
-
-
-def _chunk(rows: int, on_a_core: int, on_accelerator: int) -> int:
-    """How many roots to work on at once: about as many as the poses have, for few poses."""
-    return min(at_once(on_a_core, on_accelerator), _MOST * rows)
-
-
 def _joint_vectors(
     geometry: Geometry,
     arm: OffsetWristParameters,
     circles: RecordRows[WristCircle],
     target: jax.Array,
     roots: Roots,
-) -> _Solved:
+) -> Solved:
     """The joint vector of each root."""
     places, dtype, rows = roots.pose.shape[0], target.dtype, target.shape[0]
 
-    def solve(state: _Solved, at: jax.Array, live: jax.Array) -> _Solved:
+    def solve(state: Solved, at: jax.Array, live: jax.Array) -> Solved:
         pose = jnp.minimum(roots.pose[at], rows - 1)
         circle = circles[pose]
         posture = posture_of(arm, circle, roots.intervals[at])
@@ -191,59 +162,10 @@ def _joint_vectors(
         rows_of_q = lanes.pack(q, at.shape, dtype)
         errors = rolled.pose_errors(geometry, lanes.unpack(target[pose], 2), rows_of_q.T)
         where = jnp.where(live, at, places)
-        return state.replace(where, _Solved(rows_of_q, *errors, branch_label(posture, q[4])))
+        return state.replace(where, Solved(rows_of_q, *errors, branch_label(posture, q[4])))
 
     nothing = jnp.zeros((places, geometry.joints), dtype)
     far = jnp.full(places, jnp.inf, dtype)
-    start = _Solved(nothing, far, far, jnp.zeros(places, jnp.int32))
-    chunk = min(_chunk(rows, _AT_ONCE, _MOST * rows), places)
+    start = Solved(nothing, far, far, jnp.zeros(places, jnp.int32))
+    chunk = min(chunk_of(rows, _AT_ONCE, MOST * rows), places)
     return for_each_chunk(roots.pose < rows, chunk, solve, start)
-
-
-def _polished(
-    geometry: Geometry,
-    target: jax.Array,
-    solved: _Solved,
-    pose: jax.Array,
-    periodic: tuple[bool, ...],
-) -> _Solved:
-    """Newton's method on the full pose for the joint vectors that miss by more than rounding.
-
-    Of arms with fewer than six joints a pose may only be approached: then it is the method of
-    Levenberg and Marquardt, which goes back where a step leads away.
-    """
-    dtype, rows = solved.q.dtype, target.shape[0]
-    tolerance = IK_POLISH.of(dtype)
-    rough = (solved.position > tolerance) | (solved.rotation > tolerance)
-    rough = rough & (pose < rows)
-    few = geometry.joints < 6
-
-    def polish(state: _Solved, at: jax.Array, live: jax.Array) -> _Solved:
-        row = jnp.minimum(pose[at], rows - 1)
-        goal, its = lanes.unpack(target[row], 2), geometry.at(row)
-
-        def step(_: int, carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
-            q, damping, *best = carry
-            twist, jacobian, (position, rotation) = rolled.near_twist(its, goal, q)
-            miss, least = position**2 + rotation**2, best[1] ** 2 + best[2] ** 2
-            better = miss <= least if few else miss < least
-            best = [jnp.where(better, x, y) for x, y in zip((q, position, rotation), best)]
-            damping = damping * jnp.where(better, 1.0 / _DAMPING_FACTOR, _DAMPING_FACTOR)
-            damped = damping if few else None
-            inverse = rolled.pseudo_inverse(jacobian, DEPENDENT_ROW.of(dtype), damped)
-            move = rolled.added(inverse * twist[None], 1)
-            moved = q + jnp.clip(move, -_LARGEST_STEP, _LARGEST_STEP)
-            return jnp.where(better, moved, best[0]) if few else moved, damping, *best
-
-        q, *errors = state.q[at].T, state.position[at], state.rotation[at]
-        # A miss that stays near a fold of what can be reached moves joints by its square root.
-        damping = jnp.sqrt(errors[0] + errors[1])
-        far = [jnp.full_like(error, jnp.inf) if few else error for error in errors]
-        steps = _APPROACHING if few else _POLISHING
-        _, _, q, position, rotation = jax.lax.fori_loop(0, steps, step, (q, damping, q, *far))
-        q = without_whole_turns(q.T, periodic)
-        where = jnp.where(live, at, pose.shape[0])
-        return state.replace(where, _Solved(q, position, rotation, state.label[at]))
-
-    chunk = min(_chunk(rows, _POLISHED, max(rows // 8, 4096)), pose.shape[0])
-    return for_each_chunk(rough, chunk, polish, solved)

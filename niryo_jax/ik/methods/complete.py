@@ -20,10 +20,17 @@ from niryo_jax.ik.complete.algorithms import Structure
 from niryo_jax.ik.complete.driver import complete_solutions
 from niryo_jax.ik.differentiable import solve_differentiably
 from niryo_jax.ik.newton.implicit import Held
+from niryo_jax.ik.newton.pose_error import extent
 from niryo_jax.ik.representative import near_reference, within_limits
 from niryo_jax.ik.results.solutions import IKSolutions, map_solutions
 from niryo_jax.lanes.batching import as_floating, broadcast_batch, check_shape
 from niryo_jax.robot import Robot
+from niryo_jax.structure.closure import (
+    FOR_ANY,
+    ByClosure,
+    eliminations,
+    numbers_of_ways,
+)
 from niryo_jax.structure.families import ClosedFormPlan
 from niryo_jax.structure.offset_wrist import arm_numbers, concrete_numbers
 from niryo_jax.tolerances import ANSWERED
@@ -63,6 +70,9 @@ class CompleteSolver:
     ) -> IKSolutions:
         """The solutions of poses (..., 4, 4), given values (...,) of what is held, and joint
         vectors (..., n) to which self-motions come as near as they can."""
+        double = jnp.result_type(float)
+        if isinstance(self.structure, ByClosure) and pose.dtype != double:
+            return self._in_double(robot, pose, reference)
         dtype, batch = pose.dtype, pose.shape[:-2]
         xp = jnp if is_symbolic(batch) else np
         held: Any = xp.zeros((*batch, 0), dtype) if values is None else values[..., None]
@@ -106,10 +116,29 @@ class CompleteSolver:
         answer = on_all_cores(solve, rows[:2], batch, program_size, map_solutions)
         return represented(answer, pose, *references)
 
+    def _in_double(self, robot: Robot, pose: jax.Array, reference: jax.Array | None) -> IKSolutions:
+        """The solutions of poses in float32, to its rounding, by an elimination in float64."""
+        rounding = float(jnp.finfo(pose.dtype).eps) * extent(pose)[..., None]
+        references = None if reference is None else reference.astype(float)
+        answer = self(robot, pose.astype(float), None, references)
+        answer = answer.map(lambda x: x.astype(pose.dtype) if x.dtype.kind == "f" else x)
+        answer = dataclasses.replace(
+            answer,
+            position_error=answer.position_error + rounding,
+            rotation_error=answer.rotation_error + rounding,
+        )
+        lower, upper = (limit.astype(pose.dtype) for limit in (answer.lower, answer.upper))
+        return dataclasses.replace(answer, lower=lower, upper=upper)
+
     def _numbers(self, robot: Robot) -> Any:
-        """The numbers of an offset-wrist arm that are not known while tracing."""
+        """The numbers of the arm that are not known while tracing, as its algorithm sees it."""
         if isinstance(self.structure, ClosedFormPlan):
             return np.zeros(0)
+        if isinstance(self.structure, ByClosure):
+            if is_concrete(robot.screws):
+                screws = np.asarray(robot.screws, float)
+                return numbers_of_ways(screws, eliminations(screws))
+            return numbers_of_ways(robot.screws, FOR_ANY, jnp)
         tool = robot.home[:3, 3]
         if is_concrete(robot.screws, tool):
             numbers = concrete_numbers(np.asarray(robot.screws), np.asarray(tool))
@@ -180,6 +209,8 @@ def _structure(robot: Robot, locked: Locked | None, by_arm_angle: bool) -> Struc
         return fitting[0]
     if robot.offset_wrist is not None and joint is None:
         return robot.offset_wrist
+    if robot.is_general and joint is None:
+        return ByClosure()
     possible = [plan.locked for plan in robot.plans if plan.locked is not None]
     if joint is not None:
         raise ValueError(

@@ -1,0 +1,174 @@
+"""Six revolute joints of any geometry: all solutions by the roots of one polynomial.
+
+The roots are isolated by halving a few times, in the way of elimination that suits the arm best.
+What that leaves open is halved until rounding ends it, in every way; one of them is proof enough.
+Both are one loop over parts of the batch, so that the program holds its body once.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from niryo_jax import lanes
+from niryo_jax.execution.compaction import at_once, for_each_chunk
+from niryo_jax.ik.complete.polish import MOST
+from niryo_jax.ik.general.isolation import Effort, Roots, isolated
+from niryo_jax.ik.general.polynomial import equations_of, polynomial
+from niryo_jax.ik.general.recovery import joint_vectors
+from niryo_jax.ik.newton import rolled
+from niryo_jax.ik.newton.pose_error import extent, within_tolerance
+from niryo_jax.ik.results.candidates import JointVectors
+from niryo_jax.ik.results.deduplicate import distinct
+from niryo_jax.ik.results.limits import Limits, without_whole_turns
+from niryo_jax.ik.results.ranking import Answer, rank
+from niryo_jax.ik.results.status import Singularity, UnreachableReason
+from niryo_jax.lanes import Lane
+from niryo_jax.specialise import Geometry
+from niryo_jax.structure.closure import unflattened
+from niryo_jax.tolerances import DEPENDENT_ROW, IK_POLISH
+
+_PART = 64
+_FIRST = Effort(200, 3e-3)
+_LAST = Effort(2000, 1e-8)
+_STEPS, _MORE_STEPS = 5, 20
+_LARGEST_STEP = 0.3
+_PERIODIC = (True,) * 6
+
+
+class _Found(NamedTuple):
+    """What is known of poses so far.
+
+    Attributes:
+        q: (rows, 16, 6) different joint vectors; found: (rows, 16) which there are.
+        position, rotation: (rows, 16) metres and radians by which they miss.
+        sure: (rows, 16) whether it belongs to a simple root.
+        proved: (rows,) whether there are no others.
+    """
+
+    q: jax.Array
+    found: jax.Array
+    position: jax.Array
+    rotation: jax.Array
+    sure: jax.Array
+    proved: jax.Array
+
+
+def solve_general_arm(
+    geometry: Geometry, numbers: jax.Array, goal: jax.Array, live: jax.Array, limits: Limits
+) -> Answer:
+    """The answers of poses (rows, 4, 4) of an arm, from its numbers for each way of elimination."""
+    rows, dtype = goal.shape[0], goal.dtype
+    part = min(at_once(_PART, rows), rows)
+    none = jnp.zeros((rows, MOST), dtype)
+    nothing = jnp.zeros((rows, MOST), bool)
+    start = _Found(
+        jnp.zeros((rows, MOST, 6), dtype), nothing, none, none, nothing, jnp.zeros(rows, bool)
+    )
+
+    def by_one_way(turn: jax.Array, found: _Found) -> _Found:
+        first = turn == 0
+        way = numbers[jnp.maximum(turn - 1, 0)]
+        effort = Effort(*(jnp.where(first, a, b) for a, b in zip(_FIRST, _LAST)))
+        steps = jnp.where(first, _STEPS, _MORE_STEPS)
+
+        def solve(found: _Found, at: jax.Array, its: jax.Array) -> _Found:
+            at = jnp.minimum(at, rows - 1)
+            known = jax.tree.map(lambda x: x[at], found)
+            new = _solved(geometry, way, goal[at], effort, steps, known)
+            where = jnp.where(its, at, rows)
+            return jax.tree.map(lambda x, y: x.at[where].set(y, mode="drop"), found, new)
+
+        return for_each_chunk(live & ~found.proved, part, solve, found)
+
+    found = jax.lax.fori_loop(0, len(numbers) + 1, by_one_way, start)
+    names = jnp.int32(Singularity.NONE), jnp.int32(Singularity.UNKNOWN)
+    label = jnp.full((rows, MOST), -1, jnp.int32)
+    errors = found.position, found.rotation
+    singularity = jnp.where(found.sure, *names)
+    vectors = JointVectors(found.q, found.found, *errors, label, singularity)
+    reason = jnp.full(rows, UnreachableReason.NONE, jnp.int32)
+    return Answer(rank(vectors, limits, _PERIODIC, MOST), reason, found.proved)
+
+
+def _solved(
+    geometry: Geometry,
+    numbers: jax.Array,
+    goal: jax.Array,
+    effort: Effort,
+    steps: jax.Array,
+    known: _Found,
+) -> _Found:
+    """What one way of elimination adds to what is known of poses (rows, 4, 4)."""
+    rows, dtype = goal.shape[0], goal.dtype
+    way = unflattened(numbers)
+    equations = equations_of(way, lanes.contiguous_lanes(goal, 2), geometry.home, rows)
+    roots = isolated(polynomial(way, equations), effort)
+    room = len(roots.owner)
+    size = extent(goal)
+
+    def recover(state: jax.Array, at: jax.Array, its: jax.Array) -> jax.Array:
+        owner = jnp.minimum(roots.owner[at], rows - 1)
+        q = joint_vectors(way, equations, owner, roots.angle[at])
+        q, *errors = _improved(geometry, goal[owner], q, steps)
+        return state.at[:, jnp.where(its, at, room)].set(
+            jnp.concatenate([q, jnp.stack(errors)]), mode="drop"
+        )
+
+    chunk = min(room, max(rows, 16))
+    solved = for_each_chunk(roots.owner < rows, chunk, recover, jnp.zeros((8, room), dtype))
+    q, position, rotation = without_whole_turns(solved[:6].T, _PERIODIC), solved[6], solved[7]
+    row = jnp.minimum(roots.owner, rows - 1)
+    good = (roots.owner < rows) & within_tolerance(position, rotation, size=size[row])
+    owner = jnp.where(good, roots.owner, rows)
+    proved = _is_proof(roots, owner, q, rows)
+
+    def with_known(new: jax.Array, old: jax.Array) -> jax.Array:
+        return jnp.concatenate([old.reshape(-1, *old.shape[2:]), new])
+
+    before = jnp.broadcast_to(jnp.arange(rows)[:, None], known.found.shape)
+    owner = with_known(owner, jnp.where(known.found, before, rows))
+    q = with_known(q, known.q)
+    table, crowded = distinct(q, owner, rows, MOST)
+    table = table.T
+    exists, taken = table >= 0, jnp.maximum(table, 0)
+    pairs = (position, known.position), (rotation, known.rotation), (roots.sure, known.sure)
+    metres, radians, sure = (with_known(*pair)[taken] for pair in pairs)
+    proved = known.proved | (proved & ~crowded)
+    return _Found(q[taken], exists, metres, radians, sure, proved)
+
+
+def _improved(
+    geometry: Geometry, goal: jax.Array, q: jax.Array, steps: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Joint vectors (6, r) after so many steps of Newton's method at most, and by how many metres
+    and radians they miss."""
+    its = lanes.contiguous_lanes(goal, 2)
+    tolerance = IK_POLISH.of(q.dtype)
+
+    def step(state: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+        count, q, *_ = state
+        twist, jacobian, errors = rolled.near_twist(geometry, its, q)
+        inverse = rolled.pseudo_inverse(jacobian, DEPENDENT_ROW.of(q.dtype))
+        move = jnp.clip(rolled.added(inverse * twist[None], 1), -_LARGEST_STEP, _LARGEST_STEP)
+        done = (errors[0] <= tolerance) & (errors[1] <= tolerance)
+        return count + 1, jnp.where(done, q, q + move), *errors
+
+    far = jnp.full(q.shape[1], jnp.inf, q.dtype)
+
+    def goes_on(state: tuple[jax.Array, ...]) -> jax.Array:
+        count, _, position, rotation = state
+        return (count < steps) & jnp.any((position > tolerance) | (rotation > tolerance))
+
+    _, q, position, rotation = jax.lax.while_loop(goes_on, step, (jnp.int32(0), q, far, far))
+    return lanes.materialise(Lane(q)).array, position, rotation
+
+
+def _is_proof(roots: Roots, owner: jax.Array, q: jax.Array, rows: int) -> jax.Array:
+    """Of which poses all solutions are met: each root is simple, so that it belongs to one
+    solution, and has led to one of its own."""
+    table, crowded = distinct(q, owner, rows, MOST)
+    number = jnp.zeros(rows, jnp.int32).at[roots.owner].add(1, mode="drop")
+    return roots.settled & ~crowded & (jnp.sum(table >= 0, axis=0) == number)

@@ -1,0 +1,239 @@
+"""The equations of a pose, and the polynomial of one joint's angle whose roots its solutions are.
+
+The eight numbers of `structure.closure` are linear in the half angles of four joints. Of the four
+that vanish, the 2 x 2 minors in the half angle of one joint are six equations, linear in (1, cos,
+sin) of the other three; at an angle of the kept joint they have a solution only where the
+determinant g of a 6 x 6 matrix vanishes. g is a trigonometric polynomial of degree 8.
+
+Letters and derivations: docs/theory/general-6r.md.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from niryo_jax import lanes
+from niryo_jax.lanes import Lane, Lanes
+from niryo_jax.lie import se3
+from niryo_jax.structure.closure import COLUMNS, NODES, ClosureNumbers
+
+DEGREE = 8
+COEFFICIENTS = 2 * DEGREE + 1
+
+
+class Equations(NamedTuple):
+    """The equations of poses.
+
+    Attributes:
+        products: (128, rows) four that vanish and four coordinates, each by the half angles of
+            kept, x, y and last.
+        minors: (3, 9, 6, rows) by (1, cos, sin) of the kept angle, by the columns of the
+            elimination, and by equation.
+    """
+
+    products: jax.Array
+    minors: jax.Array
+
+
+class Polynomial(NamedTuple):
+    """g of poses, scaled such that its largest value at a node is 1.
+
+    Attributes:
+        coefficients: (17, rows) the constant, the real parts of c_1 ... c_8, the imaginary parts.
+        noise: (rows,) the size of what is no polynomial of that degree in it.
+    """
+
+    coefficients: jax.Array
+    noise: jax.Array
+
+
+def equations_of(numbers: ClosureNumbers, goal: Lanes, home: Lanes, rows: int) -> Equations:
+    """The equations of target poses, (4, 4) lanes over the rows, of a tool that is at `home`."""
+    dtype = goal[0, 3].array.dtype
+    products = numbers.tensor.reshape(128, 8).astype(dtype) @ _target(numbers, goal, home, rows)
+    products = _kept(products)
+    table = products.reshape(8, 2, 2, 2, 2, rows)[:4]
+    first, second = np.triu_indices(4, 1)
+    a, b = table[..., 0, :], table[..., 1, :]
+    lefts, rights = (a[first], b[first]), (b[second], a[second])
+    terms: np.ndarray[Any, Any] = np.zeros((3, 3, 3), dtype=object)
+    for one in np.ndindex(2, 2, 2):
+        for other in np.ndindex(2, 2, 2):
+            left, right = (x[(slice(None), *one)] for x in lefts)
+            term = left * rights[0][(slice(None), *other)]
+            term = term - right * rights[1][(slice(None), *other)]
+            index = tuple(i + j for i, j in zip(one, other))
+            terms[index] = terms[index] + term
+    for axis in range(3):
+        squares, mixed, others = (np.take(terms, i, axis) for i in range(3))
+        parts = 0.5 * (squares + others), 0.5 * (squares - others), 0.5 * mixed
+        terms = np.stack(parts, axis)
+    minors = jnp.stack(list(terms.ravel())).reshape(3, COLUMNS, 6, rows)
+    minors = _kept(minors)
+    size = jax.lax.rsqrt(jnp.sum(minors * minors, axis=(0, 1, 2)))
+    return Equations(products, _kept(minors[:, numbers.columns] * size))
+
+
+def _kept(array: jax.Array) -> jax.Array:
+    return lanes.materialise(Lane(array)).array
+
+
+def _target(numbers: ClosureNumbers, goal: Lanes, home: Lanes, rows: int) -> jax.Array:
+    """(8, rows) the dual quaternions of target poses as motions from home, lengths of the arm."""
+    rotation, position = se3.split(goal)
+    home_rotation, home_position = se3.split(home)
+    turn = lanes.materialised(rotation @ home_rotation.T)
+    centre = lanes.unpack(numbers.centre)
+    shift = position + turn @ (centre - home_position) - centre
+    per = 1.0 / Lane(numbers.size)
+    real = quaternion(turn)
+    dual = _half_product(shift * per, real)
+    whole = [*real, *dual]
+    dtype = shift[0].array.dtype
+    return jnp.stack([jnp.broadcast_to(jnp.asarray(x.value, dtype), (rows,)) for x in whole])
+
+
+def quaternion(rotation: Lanes) -> Lanes:
+    """(4,) the unit quaternion of a rotation, the real part first, from its largest part."""
+    r = rotation
+    trace = r[0, 0] + r[1, 1] + r[2, 2]
+    parts = [1.0 + trace, *(1.0 - trace + 2.0 * r[i, i] for i in range(3))]
+    turn = [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]
+    mixed = [r[1, 0] + r[0, 1], r[0, 2] + r[2, 0], r[2, 1] + r[1, 2]]
+    rows = [
+        [parts[0], *turn],
+        [turn[0], parts[1], mixed[0], mixed[1]],
+        [turn[1], mixed[0], parts[2], mixed[2]],
+        [turn[2], mixed[1], mixed[2], parts[3]],
+    ]
+    best, chosen = parts[0], lanes.lanes_of(rows[0])
+    for part, row in zip(parts[1:], rows[1:]):
+        more = part > best
+        chosen = lanes.choose(more, lanes.lanes_of(row), chosen)
+        best = lanes.select(more, part, best)
+    per = lanes.materialise(Lane(1.0) / lanes.norm(chosen))
+    return np.array([part * per for part in chosen], dtype=object)
+
+
+def _half_product(vector: Lanes, turn: Lanes) -> Lanes:
+    """(4,) half the quaternion product of a vector and a quaternion."""
+    real = Lane(0.0) - vector @ turn[1:]
+    rest = turn[0] * vector + lanes.cross(vector, turn[1:])
+    return np.array([0.5 * part for part in (real, *rest)], dtype=object)
+
+
+def at_angle(minors: Lanes, cos: Lane, sin: Lane) -> Lanes:
+    """(6, 9) the equations at an angle of the kept joint, from (3, 9, 6)."""
+    return (minors[0] + cos * minors[1] + sin * minors[2]).T
+
+
+def eliminated(matrix: Lanes, places: jax.Array, pivoting: bool) -> tuple[Lane, Lanes]:
+    """The product of the pivots of (6, 9) equations, and the (6, 6) matrix of their unknown.
+
+    The first six columns are eliminated, exchanging rows where `pivoting`; `places` says where the
+    nine columns belong. What is left are three unknowns v w, w the half angle of x, and two
+    conditions on each: v stands in `null_basis`.
+    """
+    pivots, basis = null_basis(matrix, places, pivoting)
+    return pivots, half_angle_matrix(basis)
+
+
+def null_basis(matrix: Lanes, places: jax.Array, pivoting: bool) -> tuple[Lane, Lanes]:
+    """The product of the pivots, and (3, 3, 3) what solves the equations: by (1, cos, sin) of x, by
+    those of y, for three free unknowns."""
+    rows = [list(row) for row in matrix]
+    product: Lane | None = None
+    for k in range(6):
+        if pivoting:
+            _exchange(rows, k, 9)
+        product = rows[k][k] if product is None else product * rows[k][k]
+        for i in range(k + 1, 6):
+            share = rows[i][k] / rows[k][k]
+            for j in range(k + 1, 9):
+                rows[i][j] = rows[i][j] - share * rows[k][j]
+    solved = np.empty((9, 3), dtype=object)
+    solved[6:] = lanes.identity(3)
+    for k in range(5, -1, -1):
+        for c in range(3):
+            rest = rows[k][6 + c]
+            for j in range(k + 1, 6):
+                rest = rest + rows[k][j] * solved[j, c]
+            solved[k, c] = lanes.materialise(-rest / rows[k][k])
+    assert product is not None
+    like = solved[0, 0].array
+    table = jnp.stack(
+        [jnp.broadcast_to(x.array.astype(like.dtype), like.shape) for x in solved.flat]
+    )
+    table = _kept(table).reshape(9, 3, *like.shape)[places]
+    entries = [Lane(table[i, j]) for i in range(9) for j in range(3)]
+    return product, np.array(entries, dtype=object).reshape(3, 3, 3)
+
+
+def _exchange(rows: list[list[Lane]], k: int, width: int) -> None:
+    """Bring the largest of column k to row k, such that the determinant stays."""
+    for i in range(k + 1, len(rows)):
+        larger = abs(rows[i][k]) > abs(rows[k][k])
+        for j in range(k, width):
+            upper, lower = rows[k][j], rows[i][j]
+            rows[k][j] = lanes.select(larger, lower, upper)
+            rows[i][j] = lanes.select(larger, -upper, lower)
+
+
+def half_angle_matrix(basis: Lanes) -> Lanes:
+    """(6, 6) what (cos, sin) of half the angle of x, times the free unknowns, is a zero of."""
+    one, cos, sin = basis
+    return np.concatenate(
+        [np.concatenate([cos - one, sin], 1), np.concatenate([sin, -(cos + one)], 1)]
+    )
+
+
+def determinant(matrix: Lanes) -> Lane:
+    """Of (n, n), by elimination with exchange of rows."""
+    rows = [list(row) for row in matrix]
+    size = len(rows)
+    out = Lane(1.0)
+    for k in range(size):
+        _exchange(rows, k, size)
+        out = out * rows[k][k]
+        for i in range(k + 1, size):
+            share = rows[i][k] / lanes.select(abs(rows[k][k]) > 0.0, rows[k][k], 1.0)
+            for j in range(k + 1, size):
+                rows[i][j] = rows[i][j] - share * rows[k][j]
+    return out
+
+
+def polynomial(numbers: ClosureNumbers, equations: Equations) -> Polynomial:
+    """g from its values at equidistant nodes; more of them than it has coefficients tell the noise
+    of them all."""
+    dtype = equations.minors.dtype
+    t = 2 * np.pi * np.arange(NODES) / NODES
+    cos, sin = (Lane(jnp.asarray(x[:, None], dtype)) for x in (np.cos(t), np.sin(t)))
+    minors = np.empty((3, COLUMNS, 6), dtype=object)
+    for index in np.ndindex(3, COLUMNS, 6):
+        minors[index] = Lane(equations.minors[index][None])
+    pivots, matrix = eliminated(at_angle(minors, cos, sin), numbers.places, pivoting=False)
+    values = _kept((pivots * pivots * determinant(matrix)).array)
+    usable = jnp.isfinite(values)
+    largest = jnp.max(jnp.where(usable, jnp.abs(values), jnp.inf), axis=0)
+    some = jnp.isfinite(largest) & (largest > 0)
+    values = jnp.where(some, values / jnp.where(some, largest, 1.0), 0.0)
+    transformed = jnp.asarray(_TRANSFORM, dtype) @ values
+    rest = transformed[COEFFICIENTS:]
+    noise = jnp.where(some, jnp.max(jnp.abs(rest), axis=0), 1.0)
+    return Polynomial(_kept(transformed[:COEFFICIENTS]), noise)
+
+
+def _transform() -> np.ndarray:
+    """(20, 20) from values at the nodes to c_0, the real parts, the imaginary parts, the rest."""
+    t = 2 * np.pi * np.arange(NODES) / NODES
+    k = np.arange(1, DEGREE + 1)
+    cos, sin = np.cos(np.outer(k, t)), -np.sin(np.outer(k, t))
+    rest = [np.cos((DEGREE + 1) * t), np.sin((DEGREE + 1) * t), np.cos((DEGREE + 2) * t)]
+    return np.concatenate([np.ones((1, NODES)), cos, sin, rest]) / NODES
+
+
+_TRANSFORM = _transform()

@@ -1,0 +1,278 @@
+"""Six revolute joints of any geometry: every solution, and a proof only where there is one."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import pickle
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support import product_of_exponentials, random_robot
+
+import niryo_jax as nj
+from niryo_jax.ik import IKStatus
+from niryo_jax.ik.complete.general_arm import solve_general_arm
+from niryo_jax.ik.general.isolation import Effort, isolated
+from niryo_jax.ik.general.polynomial import Polynomial
+from niryo_jax.ik.methods.multistart import solve_multistart
+from niryo_jax.specialise import traced_geometry
+from niryo_jax.structure import closure
+
+POSES = 256  # one shape, so one program, for most tests
+
+EFFORT = Effort(2000, 1e-8)
+
+
+def posed(robot, q):
+    return np.asarray(product_of_exponentials(robot.screws, robot.home, q), np.float64)
+
+
+def off_by(robot, rng, size):
+    """The arm with each axis moved (metres) and tilted (radians) by about `size`."""
+    w, v = robot.screws[:, :3], robot.screws[:, 3:]
+    points = np.cross(w, v) + size * rng.standard_normal((6, 3))
+    return nj.Robot.from_axes(w + size * rng.standard_normal((6, 3)), points, robot.home)
+
+
+def apart(a, b):
+    return np.abs((np.asarray(a) - b + np.pi) % (2 * np.pi) - np.pi).max(axis=-1)
+
+
+def has(answer, q, within=1e-5):
+    """(...,) whether joint vectors (..., n) are among the solutions."""
+    return np.any((apart(answer.q, q[..., None, :]) < within) & np.asarray(answer.found), axis=-1)
+
+
+def check_closes(robot, answer, pose):
+    found = np.asarray(answer.found)
+    wanted = np.broadcast_to(pose[..., None, :, :], (*found.shape, 4, 4))[found]
+    np.testing.assert_allclose(posed(robot, np.asarray(answer.q)[found]), wanted, atol=1e-10)
+    np.testing.assert_array_equal(found.sum(axis=-1), answer.count)
+
+
+@functools.cache
+def solved(name, size, seed=0):
+    """An arm of a few kinds with axes that are off by `size`, joint vectors, and the answer."""
+    rng = np.random.default_rng([seed, len(name)])
+    robot = random_robot(rng, 6) if name == "random" else off_by(nj.robots.load(name), rng, size)
+    q = rng.uniform(-np.pi, np.pi, (POSES, 6))
+    pose = posed(robot, q)
+    return robot, q, pose, nj.inverse_kinematics(robot, pose)
+
+
+KINDS = [("random", 0.0), ("random", 1.0)] + [
+    (name, size)
+    for name in ("ur16e", "abb_irb120", "niryo_one")
+    for size in (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+]
+
+
+@pytest.mark.parametrize(("name", "size"), KINDS)
+def test_the_joint_vector_that_made_a_pose_is_found(name, size):
+    robot, q, pose, answer = solved(name, size, int(size))
+    assert robot.is_general
+    check_closes(robot, answer, pose)
+    made_by = has(answer, q)
+    assert np.all(made_by | ~np.asarray(answer.complete))
+    assert np.mean(made_by) >= 0.99
+    assert np.mean(answer.complete) >= 0.93
+    assert not np.any(answer.status == IKStatus.UNREACHABLE)
+    # Solutions of an arm with six revolute joints come and go in pairs.
+    assert np.all(np.asarray(answer.count)[np.asarray(answer.complete)] % 2 == 0)
+
+
+@pytest.mark.parametrize(("name", "size"), [("random", 0.0), ("ur16e", 1e-3)])
+def test_many_guesses_find_nothing_more(name, size):
+    robot, _, pose, answer = solved(name, size)
+    few = slice(0, 8)
+    other = solve_multistart(robot, pose[few], starts=400)
+    missing = np.asarray(other.found)
+    for k in range(answer.q.shape[1]):
+        near = apart(other.q, np.asarray(answer.q)[few, None, k]) < 1e-5
+        missing = missing & ~(near & np.asarray(answer.found)[few, None, k])
+    assert not np.any(missing[np.asarray(answer.complete)[few]])
+
+
+def test_a_pose_beyond_the_arm_is_proved_out_of_reach():
+    robot, _, pose, _ = solved("random", 0.0)
+    far = pose.copy()
+    far[:, :3, 3] += 50.0
+    answer = nj.inverse_kinematics(robot, far)
+    assert np.mean(answer.status == IKStatus.UNREACHABLE) > 0.9
+    assert not np.any(answer.found)
+
+
+def test_base_and_tool_move_nothing(rng):
+    robot, _, pose, answer = solved("random", 0.0)
+    base = posed(robot, rng.uniform(-3, 3, 6))
+    tool = posed(robot, rng.uniform(-3, 3, 6))
+    screws = np.asarray(nj.se3.adjoint(base)) @ np.asarray(robot.screws).T
+    moved = nj.Robot.from_screws(screws.T, base @ np.asarray(robot.home) @ tool)
+    other = nj.inverse_kinematics(moved, base @ pose @ tool)
+    both = np.asarray(answer.complete & other.complete)
+    assert np.mean(both) > 0.98
+    np.testing.assert_array_equal(answer.count[both], other.count[both])
+    for k in range(answer.q.shape[1]):
+        there = np.asarray(answer.found)[:, k] & both
+        assert np.all(has(other, np.asarray(answer.q)[:, k])[there])
+
+
+def test_a_pose_is_answered_alike_alone_and_in_any_batch():
+    robot, _, pose, answer = solved("ur16e", 1e-4)
+    # Programs for other sizes differ in the last bits.
+    one = nj.inverse_kinematics(robot, pose[3])
+    np.testing.assert_array_equal(one.found, answer.found[3])
+    np.testing.assert_allclose(one.q, answer.q[3], atol=1e-9)
+    order = np.random.default_rng(0).permutation(POSES)
+    other = nj.inverse_kinematics(robot, pose[order])
+    np.testing.assert_array_equal(other.q, np.asarray(answer.q)[order])
+    grid = nj.inverse_kinematics(robot, pose[:6].reshape(3, 2, 4, 4))
+    assert grid.q.shape == (3, 2, 16, 6)
+    assert nj.inverse_kinematics(robot, pose[:0]).q.shape == (0, 16, 6)
+
+
+def test_a_large_batch_is_answered_as_a_small_one():
+    robot, q, pose, answer = solved("ur16e", 1e-3)
+    many = nj.inverse_kinematics(robot, np.concatenate([pose] * 5))
+    assert np.all(has(many.map(lambda x: x[-POSES:]), q))
+    both = np.asarray(answer.complete) & np.asarray(many.complete)[:POSES]
+    assert np.mean(both) > 0.97
+    np.testing.assert_array_equal(np.asarray(many.count)[:POSES][both], answer.count[both])
+
+
+def test_an_arm_that_is_traced_is_solved_as_well():
+    robot, q, pose, _ = solved("random", 0.0)
+    answer = jax.jit(nj.inverse_kinematics)(robot, pose)
+    assert np.all(has(answer, q) | ~np.asarray(answer.complete))
+    assert np.mean(has(answer, q)) > 0.99
+    assert np.mean(answer.complete) > 0.95
+    again = pickle.loads(pickle.dumps(robot))
+    assert again.is_general
+    np.testing.assert_array_equal(nj.inverse_kinematics(again, pose).q, solved("random", 0.0)[3].q)
+
+
+def test_derivatives_by_pose_and_geometry():
+    robot, _, pose, _ = solved("random", 0.0)
+    twist = np.array([0.3, -0.2, 0.5, 0.1, 0.4, -0.6])
+    change = 0.1 * np.random.default_rng(2).standard_normal((6, 6))
+    weights = np.arange(1.0, 7.0)
+
+    def total(step, shift):
+        w, v = robot.screws[:, :3], robot.screws[:, 3:]
+        w = w + shift * change[:, :3]
+        points = jnp.cross(robot.screws[:, :3], v) + shift * change[:, 3:]
+        w = w / jnp.linalg.norm(w, axis=1, keepdims=True)
+        screws = jnp.concatenate([w, jnp.cross(points, w)], axis=1)
+        arm = dataclasses.replace(robot, screws=screws)
+        moved = pose[3] @ nj.se3.exp(step * twist)
+        return jnp.sum(nj.inverse_kinematics(arm, moved, "complete").q[0] * weights)
+
+    def along(step, shift):
+        return np.asarray(total(jnp.asarray(step), jnp.asarray(shift)))
+
+    by_pose, by_geometry = jax.grad(total, argnums=(0, 1))(0.0, 0.0)
+    h = 1e-6
+    assert by_pose == pytest.approx((along(h, 0.0) - along(-h, 0.0)) / (2 * h), rel=1e-6)
+    assert by_geometry == pytest.approx((along(0.0, h) - along(0.0, -h)) / (2 * h), rel=1e-6)
+
+
+def test_poses_in_float32_are_solved_in_float64():
+    robot, q, pose, _ = solved("random", 0.0)
+    answer = nj.inverse_kinematics(robot, pose.astype(np.float32))
+    assert answer.q.dtype == answer.lower.dtype == np.float32
+    assert np.mean(has(answer, q, 1e-3)) > 0.99
+    assert np.mean(answer.complete) > 0.95
+    found = np.asarray(answer.found)
+    assert np.all(np.asarray(answer.position_error)[found] > 1e-8)
+
+
+@pytest.mark.parametrize("name", ["ur16e", "abb_irb120", "niryo_one"])
+def test_an_arm_whose_polynomial_vanishes_is_never_proved(name):
+    # These have solvers of their own; by elimination nothing but rounding is left of most.
+    robot = nj.robots.load(name)
+    screws = np.asarray(robot.screws)
+    numbers = closure.numbers_of_ways(screws, closure.eliminations(screws))
+    q = np.random.default_rng(4).uniform(-np.pi, np.pi, (64, 6))
+    limits = jnp.full(6, -10.0), jnp.full(6, 10.0)
+
+    @jax.jit
+    def solve(robot, pose):
+        geometry = traced_geometry(robot, pose.dtype)
+        live = jnp.ones(len(pose), bool)
+        return solve_general_arm(geometry, jnp.asarray(numbers), pose, live, limits)
+
+    answer = solve(robot, posed(robot, q))
+    near = apart(answer.solutions.q, q[:, None]) < 1e-5
+    assert np.all(np.any(near & np.asarray(answer.solutions.found), axis=1) | ~answer.proved)
+
+
+# The roots of one polynomial.
+
+
+def product(roots):
+    """The coefficients of the product of sin((t - root) / 2) over sixteen roots, and its size."""
+    t = 2 * np.pi * np.arange(64) / 64
+    values = np.prod(np.sin((t[:, None] - roots) / 2), axis=1)
+    values /= np.abs(values).max()
+    c = np.fft.rfft(values)[:9] / 64
+    return np.concatenate([c.real, c.imag[1:]])
+
+
+@jax.jit
+def roots_of(coefficients):
+    noise = jnp.full(coefficients.shape[1], 1e-16)
+    return isolated(Polynomial(coefficients, noise), EFFORT)
+
+
+ROWS = 4
+
+
+def settled_roots(*polynomials):
+    table = np.zeros((17, ROWS))
+    table[0] = 1.0
+    table[:, : len(polynomials)] = np.transpose(polynomials)
+    found = roots_of(jnp.asarray(table))
+    owner, angle = np.asarray(found.owner), np.asarray(found.angle)
+    return [
+        (np.sort(angle[owner == i] % (2 * np.pi)), bool(found.settled[i]))
+        for i in range(len(polynomials))
+    ]
+
+
+@given(st.lists(st.integers(0, 40), min_size=16, max_size=16, unique=True), st.floats(0, 6.28))
+def test_sixteen_real_roots_are_isolated(places, turn):
+    roots = np.sort((2 * np.pi * np.array(places) / 41 + turn) % (2 * np.pi))
+    ((found, settled),) = settled_roots(product(roots))
+    if settled:
+        assert len(found) == 16
+        offset = np.abs((found[:, None] - roots + np.pi) % (2 * np.pi) - np.pi)
+        np.testing.assert_allclose(offset.min(axis=0), 0, atol=1e-4)
+
+
+def test_well_separated_roots_are_settled():
+    roots = 2 * np.pi * np.arange(16) / 16 + 0.123
+    ((found, settled),) = settled_roots(product(roots))
+    assert settled
+    np.testing.assert_allclose(found, roots, atol=1e-12)
+
+
+def test_a_double_root_is_met_and_never_settled():
+    simple = np.linspace(0.5, 2.5, 14)
+    for gap in (0.0, 1e-9, 1e-8):
+        double = np.concatenate([simple, [4.0, 4.0 + gap]])
+        ((found, settled),) = settled_roots(product(double))
+        assert not settled
+        assert np.abs(found - 4.0).min() < 1e-3
+
+
+def test_a_polynomial_without_roots_is_settled_and_noise_is_not():
+    constant = np.eye(17)[0]
+    nothing = 1e-16 * np.ones(17)
+    (first, second) = settled_roots(constant, nothing)
+    assert first[1] and len(first[0]) == 0
+    assert not second[1]
