@@ -274,5 +274,6 @@ def test_a_polynomial_without_roots_is_settled_and_noise_is_not():
     constant = np.eye(17)[0]
     nothing = 1e-16 * np.ones(17)
     (first, second) = settled_roots(constant, nothing)
-    assert first[1] and len(first[0]) == 0
+    assert first[1]
+    assert len(first[0]) == 0
     assert not second[1]
