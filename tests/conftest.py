@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import json
 import os
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,9 @@ import numpy as np
 import pytest
 
 import niryo_jax as nj
+
+# A shell that runs the tests in the background has Ctrl-C ignored, which programs inherit.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 jax.config.update("jax_enable_x64", True)  # float32 is tested through float32 inputs
 if cache := os.environ.get("JAX_COMPILATION_CACHE_DIR"):

@@ -214,9 +214,12 @@ def test_wrong_use_is_refused_by_name(niryo, rng):
     with pytest.raises(ValueError, match=r"q_ref: expected shape \(\.\.\., 6\)"):
         nj.inverse_kinematics(niryo, POSES[0]).nearest(np.zeros(5))
     random = nj.Robot.from_axes(rng.standard_normal((6, 3)), rng.standard_normal((6, 3)), np.eye(4))
-    for method in ("complete", "seeded"):
-        with pytest.raises(ValueError, match="axes 1 and 2 meet"):
-            nj.inverse_kinematics(random, POSES[0], method=method)
+    with pytest.raises(ValueError, match="axes 1 and 2 meet"):
+        nj.inverse_kinematics(random, POSES[0], method="seeded")
+    helical = np.array(random.screws)
+    helical[2, 3:] += 0.1 * helical[2, :3]
+    with pytest.raises(ValueError, match="six revolute joints; robot has neither"):
+        nj.inverse_kinematics(nj.Robot.from_screws(helical, np.eye(4)), POSES[0], method="complete")
     with pytest.raises(TypeError, match="Close over the robot"):
         jax.jit(lambda robot: nj.inverse_kinematics(robot, POSES[0], method="seeded"))(niryo)
     with pytest.raises(TypeError, match=r"robot: expected a niryo_jax\.Robot, got 'niryo_one'"):

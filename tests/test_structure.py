@@ -89,7 +89,7 @@ def test_description_names_the_solver(niryo, rng):
     for arm, words in (
         (niryo, "every solution, with a proof"),
         (spherical(niryo), "every solution, in closed form"),
-        (nj.Robot.from_screws(calibrated, niryo.home), "of the nearest such arm; not proved"),
+        (nj.Robot.from_screws(calibrated, niryo.home), "from the roots of one polynomial"),
         (other, "some may be missed"),
     ):
         assert words in arm.describe()

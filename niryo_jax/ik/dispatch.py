@@ -47,12 +47,13 @@ def inverse_kinematics(
             "complete": every real solution, or a proof that there is none. By a scan with a proof
             where axes 1 and 2 meet, 2 and 3 are parallel, 4 and 5 meet
             (docs/theory/complete-ik.md); in closed form where the wrist is spherical, where three
-            axes are parallel and for four joints of some kinds (docs/families.md).
+            axes are parallel and for four joints of some kinds (docs/families.md); by the roots of
+            one polynomial for all others of six revolute joints (docs/theory/general-6r.md).
             "sampled": for seven joints: the best of the complete sets for 16 arm angles, or values
             of one joint.
-            "continuation": for arms that are nearly of the first kind (calibrated ones): the
-            complete sets of the nearest such arm, refined by Newton-Raphson on the true one.
             "multistart": Newton-Raphson from 64 guesses, for any open chain.
+            "continuation": for arms that are nearly of the first kind (calibrated ones), if named:
+            the complete sets of the nearest such arm, refined by Newton-Raphson on the true one.
             "seeded": Paden-Kahan guesses refined by Newton-Raphson, for arms of the first kind
             (Todorovic et al. 2024, algorithm 2): about 95 % of all solutions.
             `complete` of the answer is False except for the first.

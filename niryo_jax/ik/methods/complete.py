@@ -222,8 +222,8 @@ def _structure(robot: Robot, locked: Locked | None, by_arm_angle: bool) -> Struc
             f"method 'complete' needs a joint of {robot.name} to be locked, one of {possible}"
         )
     raise ValueError(
-        "method 'complete' needs an arm of which axes 1 and 2 meet, 2 and 3 are parallel, 4 and 5 "
-        f"meet, or one that a closed form solves (docs/families.md); {robot.name} is neither"
+        "method 'complete' needs an arm that a closed form solves (docs/families.md), or six "
+        f"revolute joints; {robot.name} has neither"
     )
 
 
