@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.execution.compaction import at_once, for_each_chunk
@@ -35,6 +36,8 @@ _FIRST = Effort(200, 3e-3)
 _LAST = Effort(2000, 1e-8)
 _STEPS, _MORE_STEPS = 5, 20
 _LARGEST_STEP = 0.3
+_ROOTS_OF_A_POSE = 4
+_FEW = 8
 _PERIODIC = (True,) * 6
 
 
@@ -117,27 +120,36 @@ def _solved(
             jnp.concatenate([q, jnp.stack(errors)]), mode="drop"
         )
 
-    chunk = min(room, max(rows, 16))
+    chunk = min(room, max(_ROOTS_OF_A_POSE * rows, 16))
     solved = for_each_chunk(roots.owner < rows, chunk, recover, jnp.zeros((8, room), dtype))
     q, position, rotation = without_whole_turns(solved[:6].T, _PERIODIC), solved[6], solved[7]
+    kept = jnp.sum(jnp.where((way.order == 0)[:, None], solved[:6], 0.0), axis=0)
     row = jnp.minimum(roots.owner, rows - 1)
     good = (roots.owner < rows) & within_tolerance(position, rotation, size=size[row])
+    proved = _are_proved(roots, good, kept, rows)
     owner = jnp.where(good, roots.owner, rows)
-    proved = _is_proof(roots, owner, q, rows)
-
-    def with_known(new: jax.Array, old: jax.Array) -> jax.Array:
-        return jnp.concatenate([old.reshape(-1, *old.shape[2:]), new])
-
     before = jnp.broadcast_to(jnp.arange(rows)[:, None], known.found.shape)
-    owner = with_known(owner, jnp.where(known.found, before, rows))
-    q = with_known(q, known.q)
-    table, crowded = distinct(q, owner, rows, MOST)
+    before = jnp.where(known.found, before, rows)
+
+    def with_known(new: jax.Array, old: jax.Array, size: int = room) -> jax.Array:
+        return jnp.concatenate([old.reshape(-1, *old.shape[2:]), new[:size]])
+
+    def different(size: int) -> tuple[jax.Array, jax.Array]:
+        parts = (q, known.q), (owner, before)
+        return distinct(*(with_known(*part, size) for part in parts), rows, MOST)
+
+    # Sorting room for all roots that there might be would cost more than all the rest.
+    few = _FEW * rows
+    table, crowded = jax.lax.cond(
+        roots.number <= few, lambda: different(few), lambda: different(room)
+    )
     table = table.T
     exists, taken = table >= 0, jnp.maximum(table, 0)
-    pairs = (position, known.position), (rotation, known.rotation), (roots.sure, known.sure)
-    metres, radians, sure = (with_known(*pair)[taken] for pair in pairs)
+    pairs = (q, known.q), (position, known.position), (rotation, known.rotation)
+    parts = (with_known(*pair)[taken] for pair in (*pairs, (roots.sure, known.sure)))
+    vectors, metres, radians, sure = parts
     proved = known.proved | (proved & ~crowded)
-    return _Found(q[taken], exists, metres, radians, sure, proved)
+    return _Found(vectors, exists, metres, radians, sure, proved)
 
 
 def _improved(
@@ -166,9 +178,11 @@ def _improved(
     return lanes.materialise(Lane(q)).array, position, rotation
 
 
-def _is_proof(roots: Roots, owner: jax.Array, q: jax.Array, rows: int) -> jax.Array:
+def _are_proved(roots: Roots, good: jax.Array, kept: jax.Array, rows: int) -> jax.Array:
     """Of which poses all solutions are met: each root is simple, so that it belongs to one
-    solution, and has led to one of its own."""
-    table, crowded = distinct(q, owner, rows, MOST)
-    number = jnp.zeros(rows, jnp.int32).at[roots.owner].add(1, mode="drop")
-    return roots.settled & ~crowded & (jnp.sum(table >= 0, axis=0) == number)
+    solution, and has led to one whose kept joint (r,) lies on the arc of that root."""
+    low, high = roots.arc
+    turn = 2 * np.pi * jnp.round((kept - 0.5 * (low + high)) / (2 * np.pi))
+    there = (kept - turn >= low) & (kept - turn <= high)
+    lost = jnp.where(good & there, rows, roots.owner)
+    return roots.settled.at[lost].set(False, mode="drop")

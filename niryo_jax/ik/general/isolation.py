@@ -36,15 +36,19 @@ class Roots(NamedTuple):
     Attributes:
         owner: (r,) whose each is; `rows` behind the last.
         angle: (r,).
+        arc: (2, r) the ends of the arc that it is known to lie on.
         sure: (r,) whether it is proved to be a simple root; else one end of an arc on which there
             may be any number of them.
         settled: (rows,) whether the roots of a polynomial are all simple, and all in the list.
+        number: () how many there are.
     """
 
     owner: jax.Array
     angle: jax.Array
+    arc: jax.Array
     sure: jax.Array
     settled: jax.Array
+    number: jax.Array
 
 
 class Effort(NamedTuple):
@@ -119,7 +123,8 @@ def isolated(polynomial: Polynomial, effort: Effort) -> Roots:
     settled = ~hopeless & (state.spent <= effort.share) & (state.held <= _MOST)
     settled = settled.at[unsure].set(False, mode="drop")
     angle = _refined(coefficients, owner, state.found)
-    return Roots(owner, angle, sure, settled)
+    arc = state.found[:, 1:3].T
+    return Roots(owner, angle, arc, sure, settled, state.number)
 
 
 def _judged(form: jax.Array, margin: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
