@@ -15,18 +15,20 @@ import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.execution.compaction import at_once, for_each_chunk
+from niryo_jax.execution.padding import is_small
 from niryo_jax.ik.complete.polish import MOST
 from niryo_jax.ik.general.isolation import Effort, Roots, isolated
 from niryo_jax.ik.general.polynomial import equations_of, polynomial
 from niryo_jax.ik.general.recovery import joint_vectors
 from niryo_jax.ik.newton import rolled
-from niryo_jax.ik.newton.pose_error import extent, within_tolerance
+from niryo_jax.ik.newton.pose_error import extent, miss, within_tolerance
 from niryo_jax.ik.results.candidates import JointVectors
 from niryo_jax.ik.results.deduplicate import distinct
 from niryo_jax.ik.results.limits import Limits, without_whole_turns
 from niryo_jax.ik.results.ranking import Answer, rank
 from niryo_jax.ik.results.status import Singularity, UnreachableReason
-from niryo_jax.lanes import Lane
+from niryo_jax.ik.task import POSE
+from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.specialise import Geometry
 from niryo_jax.structure.closure import unflattened
 from niryo_jax.tolerances import DEPENDENT_ROW, IK_POLISH
@@ -80,7 +82,7 @@ def solve_general_arm(
         def solve(found: _Found, at: jax.Array, its: jax.Array) -> _Found:
             at = jnp.minimum(at, rows - 1)
             known = jax.tree.map(lambda x: x[at], found)
-            new = _solved(geometry, way, goal[at], effort, steps, known)
+            new = _solved(geometry, way, goal[at], effort, steps, known, is_small(rows))
             where = jnp.where(its, at, rows)
             return jax.tree.map(lambda x, y: x.at[where].set(y, mode="drop"), found, new)
 
@@ -103,6 +105,7 @@ def _solved(
     effort: Effort,
     steps: jax.Array,
     known: _Found,
+    small: bool,
 ) -> _Found:
     """What one way of elimination adds to what is known of poses (rows, 4, 4)."""
     rows, dtype = goal.shape[0], goal.dtype
@@ -115,7 +118,7 @@ def _solved(
     def recover(state: jax.Array, at: jax.Array, its: jax.Array) -> jax.Array:
         owner = jnp.minimum(roots.owner[at], rows - 1)
         q = joint_vectors(way, equations, owner, roots.angle[at])
-        q, *errors = _improved(geometry, goal[owner], q, steps)
+        q, *errors = _improved(geometry, goal[owner], q, steps, small)
         return state.at[:, jnp.where(its, at, room)].set(
             jnp.concatenate([q, jnp.stack(errors)]), mode="drop"
         )
@@ -135,8 +138,8 @@ def _solved(
         return jnp.concatenate([old.reshape(-1, *old.shape[2:]), new[:size]])
 
     def different(size: int) -> tuple[jax.Array, jax.Array]:
-        parts = (q, known.q), (owner, before)
-        return distinct(*(with_known(*part, size) for part in parts), rows, MOST)
+        vectors, owners = with_known(q, known.q, size), with_known(owner, before, size)
+        return distinct(vectors, owners, rows, MOST)
 
     # Sorting room for all roots that there might be would cost more than all the rest.
     few = _FEW * rows
@@ -153,20 +156,20 @@ def _solved(
 
 
 def _improved(
-    geometry: Geometry, goal: jax.Array, q: jax.Array, steps: jax.Array
+    geometry: Geometry, goal: jax.Array, q: jax.Array, steps: jax.Array, small: bool
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Joint vectors (6, r) after so many steps of Newton's method at most, and by how many metres
     and radians they miss."""
     its = lanes.contiguous_lanes(goal, 2)
+    newton_step = _rolled_step if small else _written_out_step
     tolerance = IK_POLISH.of(q.dtype)
 
     def step(state: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
         count, q, *_ = state
-        twist, jacobian, errors = rolled.near_twist(geometry, its, q)
-        inverse = rolled.pseudo_inverse(jacobian, DEPENDENT_ROW.of(q.dtype))
-        move = jnp.clip(rolled.added(inverse * twist[None], 1), -_LARGEST_STEP, _LARGEST_STEP)
-        done = (errors[0] <= tolerance) & (errors[1] <= tolerance)
-        return count + 1, jnp.where(done, q, q + move), *errors
+        move, position, rotation = newton_step(geometry, its, q)
+        done = (position <= tolerance) & (rotation <= tolerance)
+        moved = q + jnp.clip(move, -_LARGEST_STEP, _LARGEST_STEP)
+        return count + 1, jnp.where(done, q, moved), position, rotation
 
     far = jnp.full(q.shape[1], jnp.inf, q.dtype)
 
@@ -176,6 +179,23 @@ def _improved(
 
     _, q, position, rotation = jax.lax.while_loop(goes_on, step, (jnp.int32(0), q, far, far))
     return lanes.materialise(Lane(q)).array, position, rotation
+
+
+def _rolled_step(geometry: Geometry, goal: Lanes, q: jax.Array) -> tuple[jax.Array, ...]:
+    """The step (6, r), and metres and radians (r,) missed before it, by a program that is small."""
+    twist, jacobian, errors = rolled.near_twist(geometry, goal, q)
+    inverse = rolled.pseudo_inverse(jacobian, DEPENDENT_ROW.of(q.dtype))
+    return rolled.added(inverse * twist[None], 1), *errors
+
+
+def _written_out_step(geometry: Geometry, goal: Lanes, q: jax.Array) -> tuple[jax.Array, ...]:
+    """The same by a program that is fast."""
+    angles = lanes.lanes_of([Lane(x) for x in q])
+    twist, jacobian, *errors = miss(geometry, goal, angles, "body", POSE)
+    jacobian, twist = lanes.materialised(jacobian), lanes.materialised(twist)
+    move = lanes.solve(jacobian, twist, 0.0, DEPENDENT_ROW.of(q.dtype))
+    moves = jnp.stack([jnp.broadcast_to(x.array, q.shape[1:]) for x in move])
+    return moves, *(jnp.broadcast_to(x.array, q.shape[1:]) for x in errors)
 
 
 def _are_proved(roots: Roots, good: jax.Array, kept: jax.Array, rows: int) -> jax.Array:
