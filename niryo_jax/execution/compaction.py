@@ -51,3 +51,17 @@ def running_count(which: jax.Array) -> tuple[jax.Array, jax.Array]:
     before = jnp.cumsum(within[:, -1])
     count = within + (before - within[:, -1])[:, None]
     return count.reshape(-1)[: len(which)], before[-1]
+
+
+def append(
+    rows: jax.Array, count: jax.Array, new: jax.Array, which: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Write the chosen rows of `new` behind the first `count` rows; and how many there are then."""
+    place, total = running_count(which)
+    place = jnp.where(which, count + place - 1, rows.shape[0])
+    return rows.at[place].set(new, mode="drop"), count + total
+
+
+def tally(counts: jax.Array, owner: jax.Array, which: jax.Array) -> jax.Array:
+    """The counts (rows,), with one more for each of the chosen that belong to an owner."""
+    return counts.at[owner.astype(jnp.int32)].add(which.astype(jnp.int32), mode="drop")

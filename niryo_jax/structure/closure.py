@@ -11,6 +11,7 @@ Letters and derivations: docs/theory/general-6r.md.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import itertools
 from collections.abc import Iterator, Sequence
@@ -48,10 +49,9 @@ class Elimination(NamedTuple):
         return (self.kept, self.x, self.y, self.last, self.pair, self.pair + 1)
 
 
-class ByClosure(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class ByClosure:
     """That an arm has six revolute joints, which is all that has to be known of it."""
-
-    joints: int = JOINTS
 
 
 class ClosureNumbers(NamedTuple):
@@ -103,6 +103,14 @@ def centre_and_size(screws: Any, xp: Any = np) -> tuple[Any, Any]:
     return centre, xp.where(size > 0, size, 1.0)
 
 
+def _lines(screws: Any, centre: Any, size: Any, xp: Any = np) -> Any:
+    """(6, 8) the axes as dual quaternions, about a centre and in lengths of a size."""
+    w, m = screws[:, :3], screws[:, 3:]
+    m = (m - xp.cross(centre, w)) / size
+    zero = xp.zeros((JOINTS, 1))
+    return xp.concatenate([zero, w, zero, m], axis=1)
+
+
 def numbers_of_ways(screws: Any, ways: Sequence[Elimination], xp: Any = np) -> Any:
     """(ways, k) the numbers of an arm, from unit screws (6, 6) of revolute joints."""
     return xp.stack([flattened(closure_numbers(screws, way, xp), xp) for way in ways])
@@ -111,10 +119,7 @@ def numbers_of_ways(screws: Any, ways: Sequence[Elimination], xp: Any = np) -> A
 def closure_numbers(screws: Any, way: Elimination, xp: Any = np) -> ClosureNumbers:
     """The numbers of an arm, from unit screws (6, 6) of revolute joints."""
     centre, size = centre_and_size(screws, xp)
-    w, m = screws[:, :3], screws[:, 3:]
-    m = (m - xp.cross(centre, w)) / size
-    zero = xp.zeros((JOINTS, 1))
-    lines = xp.concatenate([zero, w, zero, m], axis=1)
+    lines = _lines(screws, centre, size, xp)
     one = xp.eye(8)
     j = way.pair
     product = dual_product(lines[j], lines[j + 1], xp)
@@ -176,11 +181,12 @@ def _eliminations(numbers: bytes) -> tuple[Elimination, ...]:
     screws = np.frombuffer(numbers).reshape(JOINTS, 6)
     rng = np.random.default_rng(0)
     q = rng.uniform(-np.pi, np.pi, (_SAMPLES, JOINTS))
+    goals = _goals(screws, q)
     judged = list[tuple[float, Elimination, np.ndarray]]()
     for pair in range(JOINTS - 1):
         for kept, x, y, last in _neighbours(pair):
             way = Elimination(pair, kept, x, y, last, tuple(range(COLUMNS)))
-            equations = _minors(screws, way, q)
+            equations = _minors(closure_numbers(screws, way), goals)
             judged.append((_doubt(equations, q[:, kept]), way, equations))
     judged.sort(key=lambda item: item[0])
     chosen = dict[tuple[int, int], Elimination]()
@@ -201,17 +207,18 @@ FOR_ANY = tuple(
 """Ways for an arm whose numbers are not known while tracing."""
 
 
-def _minors(screws: np.ndarray, way: Elimination, q: np.ndarray) -> np.ndarray:
+def _goals(screws: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """(samples, 8) the motions from home to the poses of joint vectors (samples, 6)."""
+    one = np.eye(8)[0]
+    goal = np.broadcast_to(one, (len(q), 8))
+    for line, angle in zip(_lines(screws, *centre_and_size(screws)), q.T[..., None] / 2):
+        goal = dual_product(goal, np.cos(angle) * one + np.sin(angle) * line)
+    return goal
+
+
+def _minors(numbers: ClosureNumbers, goals: np.ndarray) -> np.ndarray:
     """(samples, 6, 3, 3, 3): six equations, linear in (1, cos, sin) of kept, x and y."""
-    numbers = closure_numbers(screws, way)
-    goal = np.array([1.0, 0, 0, 0, 0, 0, 0, 0])
-    w, m = screws[:, :3], screws[:, 3:]
-    m = (m - np.cross(numbers.centre, w)) / numbers.size
-    for i in range(JOINTS):
-        line = np.concatenate([[0], w[i], [0], m[i]])
-        turn = np.cos(q[:, i, None] / 2) * np.eye(8)[0] + np.sin(q[:, i, None] / 2) * line
-        goal = dual_product(np.broadcast_to(goal, turn.shape), turn)
-    f = np.einsum("rkxyeg,sg->srkxye", numbers.tensor[:4], goal)
+    f = np.einsum("rkxyeg,sg->srkxye", numbers.tensor[:4], goals)
     a, b = f[..., 0], f[..., 1]
     i, j = np.triu_indices(4, 1)
     products = np.einsum("smkxy,smlzw->smklxzyw", a[:, i], b[:, j])

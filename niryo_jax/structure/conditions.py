@@ -71,6 +71,11 @@ def fits(family: Family, screws: Any, xp: ModuleType = np) -> Holds:
     return _all(conditions, xp)
 
 
+def are_revolute(screws: Any, xp: ModuleType = np) -> Holds:
+    """Whether all screws (n, 6) are those of revolute joints."""
+    return _all((is_revolute(screw, xp) for screw in screws), xp)
+
+
 def is_offset_wrist(screws: Any, xp: ModuleType = np) -> Holds:
     """Whether axes 1 and 2 of six meet, 2 and 3 are parallel, 4 and 5 meet."""
 

@@ -28,7 +28,7 @@ from niryo_jax.lanes import Lanes
 from niryo_jax.lie import se3
 from niryo_jax.specialise import Geometry, specialised_for_any_tool
 from niryo_jax.structure.closure import ByClosure
-from niryo_jax.structure.conditions import is_offset_wrist, plan_fits
+from niryo_jax.structure.conditions import are_revolute, is_offset_wrist, plan_fits
 from niryo_jax.structure.families import ClosedFormPlan
 from niryo_jax.structure.offset_wrist import arm_numbers, numbers_are_as_known
 from niryo_jax.tolerances import LIMIT_ROUNDING
@@ -112,7 +112,7 @@ def _has_structure(geometry: Geometry, structure: Structure, dtype: np.dtype) ->
     if isinstance(structure, ClosedFormPlan):
         return jnp.asarray(plan_fits(structure, screws, jnp))
     if isinstance(structure, ByClosure):
-        return jnp.asarray(True)
+        return jnp.asarray(are_revolute(screws, jnp))
     numbers = arm_numbers(screws, jnp.zeros(3, dtype), jnp)
     return is_offset_wrist(screws, jnp) & numbers_are_as_known(structure, numbers)
 

@@ -15,7 +15,7 @@ from niryo_jax.specialise import Geometry
 from niryo_jax.tolerances import DEPENDENT_ROW, IK_POLISH
 
 MOST = 16
-_POLISHED = 128
+POLISHED = 128
 _POLISHING = 20
 _APPROACHING = 12
 _DAMPING_FACTOR = 5.0
@@ -92,5 +92,5 @@ def polished(
         where = jnp.where(live, at, pose.shape[0])
         return state.replace(where, Solved(q, position, rotation, state.label[at]))
 
-    chunk = min(chunk_of(rows, _POLISHED, max(rows // 8, 4096)), pose.shape[0])
+    chunk = min(chunk_of(rows, POLISHED, max(rows // 8, 4096)), pose.shape[0])
     return for_each_chunk(rough, chunk, polish, solved)

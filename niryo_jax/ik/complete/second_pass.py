@@ -11,7 +11,7 @@ import jax.numpy as jnp
 
 from niryo_jax import lanes
 from niryo_jax.execution.compaction import for_each_chunk
-from niryo_jax.ik.complete.polish import MOST, Solved, chunk_of, polished
+from niryo_jax.ik.complete.polish import MOST, POLISHED, Solved, chunk_of, polished
 from niryo_jax.ik.newton import rolled
 from niryo_jax.ik.newton.pose_error import (
     extent,
@@ -42,7 +42,6 @@ from niryo_jax.specialise import Geometry
 from niryo_jax.tolerances import IK_POLISH, IK_POSITION
 
 _AT_ONCE = 2048
-_POLISHED = 128
 _FEW = 12
 _NEARLY = 100.0
 
@@ -84,7 +83,7 @@ def by_subdivision(
         table, crowded = distinct(solved.q[:size], owner, rows, MOST)
         return table, crowded.at[jnp.where(lost, roots.pose, rows)[:size]].set(True, mode="drop")
 
-    if rows < _POLISHED:
+    if rows < POLISHED:
         table, incomplete = different(len(real))
     else:
         # Few poses have many roots, and sorting room for as many would cost more than all the rest.

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from niryo_jax import lanes
-from niryo_jax.execution.compaction import at_once, running_count
+from niryo_jax.execution.compaction import append, at_once, tally
 from niryo_jax.ik.general.polynomial import COEFFICIENTS, DEGREE, Polynomial
 from niryo_jax.lanes import Lane
 from niryo_jax.tolerances import POLYNOMIAL_NOISE
@@ -37,8 +37,8 @@ class Roots(NamedTuple):
         owner: (r,) whose each is; `rows` behind the last.
         angle: (r,).
         arc: (2, r) the ends of the arc that it is known to lie on.
-        sure: (r,) whether it is proved to be a simple root; else one end of an arc on which there
-            may be any number of them.
+        sure: (r,) whether it is proved to be a simple root; else the middle of an arc on which
+            there may be any number of them.
         settled: (rows,) whether the roots of a polynomial are all simple, and all in the list.
         number: () how many there are.
     """
@@ -56,7 +56,7 @@ class Effort(NamedTuple):
 
     Attributes:
         share: how many arcs may be halved for one polynomial.
-        narrowest: an arc that is narrower (radians) is not halved; `NARROWEST` at least.
+        narrowest: an arc that is narrower (radians) is not halved.
     """
 
     share: jax.Array | int
@@ -89,8 +89,7 @@ def isolated(polynomial: Polynomial, effort: Effort) -> Roots:
     first = jnp.asarray(_BERNSTEIN, dtype).reshape(-1, COEFFICIENTS) @ coefficients
     first = lanes.materialise(Lane(first)).array.reshape(_ARCS, COEFFICIENTS, rows)
     one, none, flat = _judged(jnp.moveaxis(first, 1, 0), margin)
-    hopeless = jnp.sum(one | flat, axis=0, dtype=jnp.int32) > _MOST
-    certain = none | one | flat | hopeless
+    certain = none | one | flat
     width = min(at_once(_WIDTH, rows), _ARCS * rows)
     # What one step finds may be more than a polynomial is given.
     room = _MOST * rows + 4 * width
@@ -98,16 +97,15 @@ def isolated(polynomial: Polynomial, effort: Effort) -> Roots:
     owner = jnp.broadcast_to(jnp.arange(rows, dtype=dtype), certain.shape)
     low = jnp.broadcast_to(jnp.asarray(number, dtype), certain.shape)
     high = low + jnp.asarray(2 * np.pi / _ARCS, dtype)
-    is_root = (one | flat) & ~hopeless
+    is_root = one | flat
     found = jnp.full((room, 4), -1.0, dtype)
     items = jnp.stack([owner, low, high, one.astype(dtype)], axis=-1).reshape(-1, 4)
-    found, count = _append(found, jnp.int32(0), items, is_root.reshape(-1))
+    found, count = append(found, jnp.int32(0), items, is_root.reshape(-1))
     capacity = _ARCS * rows + width * _DEEPEST
     arcs = jnp.zeros((capacity, 3 + COEFFICIENTS), dtype)
     table = jnp.concatenate([jnp.stack([owner, low, high]), jnp.moveaxis(first, 1, 0)])
-    place, size = running_count(~certain.reshape(-1))
-    place = jnp.where(certain.reshape(-1), capacity, place - 1)
-    arcs = arcs.at[place].set(table.reshape(3 + COEFFICIENTS, -1).T, mode="drop")
+    table = table.reshape(3 + COEFFICIENTS, -1).T
+    arcs, size = append(arcs, jnp.int32(0), table, ~certain.reshape(-1))
     spent = jnp.zeros(rows, jnp.int32)
     held = jnp.sum(is_root, axis=0, dtype=jnp.int32)
     state = _State(arcs, size, found, count, spent, held)
@@ -120,7 +118,7 @@ def isolated(polynomial: Polynomial, effort: Effort) -> Roots:
     owner = jnp.where(live, state.found[:, 0].astype(jnp.int32), rows)
     sure = state.found[:, 3] > 0.5
     unsure = jnp.where(sure, rows, owner)
-    settled = ~hopeless & (state.spent <= effort.share) & (state.held <= _MOST)
+    settled = (state.spent <= effort.share) & (state.held <= _MOST)
     settled = settled.at[unsure].set(False, mode="drop")
     angle = _refined(coefficients, owner, state.found)
     arc = state.found[:, 1:3].T
@@ -142,21 +140,13 @@ def _judged(form: jax.Array, margin: jax.Array) -> tuple[jax.Array, jax.Array, j
     return one, none, doubtful == COEFFICIENTS
 
 
-def _append(
-    rows: jax.Array, count: jax.Array, new: jax.Array, which: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    place, total = running_count(which)
-    place = jnp.where(which, count + place - 1, rows.shape[0])
-    return rows.at[place].set(new, mode="drop"), count + total
-
-
 def _step(margin: jax.Array, width: int, effort: Effort, state: _State) -> _State:
     """Halve the top arcs; push what is still open."""
     start = jnp.maximum(state.size - width, 0)
     items = jax.lax.dynamic_slice_in_dim(state.arcs, start, width)
     live = start + jnp.arange(width) < state.size
     owner, low, high = items[:, 0].astype(jnp.int32), items[:, 1], items[:, 2]
-    spent = state.spent.at[owner].add(live.astype(jnp.int32), mode="drop")
+    spent = tally(state.spent, owner, live)
     middle = 0.5 * (low + high)
     narrow = middle - low < jnp.maximum(effort.narrowest, _NARROWEST)
     crowded = state.held[owner] > _MOST
@@ -180,10 +170,9 @@ def _step(margin: jax.Array, width: int, effort: Effort, state: _State) -> _Stat
         parts[2].append(jnp.concatenate([items[:, :1], a[:, None], b[:, None], form.T], axis=1))
         parts[3].append(live & ~one & ~none & ~ends)
     new, is_root, halves, is_open = (jnp.concatenate(part) for part in parts)
-    arcs, size = _append(state.arcs, start, halves, is_open)
-    found, number = _append(state.found, state.number, new, is_root)
-    owners = new[:, 0].astype(jnp.int32)
-    held = state.held.at[owners].add(is_root.astype(jnp.int32), mode="drop")
+    arcs, size = append(state.arcs, start, halves, is_open)
+    found, number = append(state.found, state.number, new, is_root)
+    held = tally(state.held, new[:, 0], is_root)
     return _State(arcs, size, found, number, spent, held)
 
 
@@ -230,7 +219,6 @@ def _bernstein() -> np.ndarray:
     for arc in range(_ARCS):
         # e^(i t / 2) = (1 - s) e^(i low / 2) + s e^(i high / 2), up to a positive factor.
         ends = np.exp(0.5j * 2 * np.pi / _ARCS * np.array([arc, arc + 1]))
-
         for k in range(DEGREE + 1):
             turned = _power(ends, DEGREE + k), _power(ends.conj(), DEGREE - k)
             column = np.convolve(*turned) / binomial

@@ -18,7 +18,7 @@ import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.lanes import Lane, Lanes
-from niryo_jax.lie import se3
+from niryo_jax.lie import se3, so3
 from niryo_jax.structure.closure import COLUMNS, NODES, ClosureNumbers
 
 DEGREE = 8
@@ -90,33 +90,15 @@ def _target(numbers: ClosureNumbers, goal: Lanes, home: Lanes, rows: int) -> jax
     centre = lanes.unpack(numbers.centre)
     shift = position + turn @ (centre - home_position) - centre
     per = 1.0 / Lane(numbers.size)
-    real = quaternion(turn)
+    scalar, vector = so3.quaternion_lanes(turn)
+    real = np.array([scalar, *vector], dtype=object)
+    # What is off a unit quaternion by rounding alone would be noise of the polynomial.
+    length = lanes.materialise(lanes.norm(real))
+    real = lanes.materialised(real / length)
     dual = _half_product(shift * per, real)
     whole = [*real, *dual]
     dtype = shift[0].array.dtype
     return jnp.stack([jnp.broadcast_to(jnp.asarray(x.value, dtype), (rows,)) for x in whole])
-
-
-def quaternion(rotation: Lanes) -> Lanes:
-    """(4,) the unit quaternion of a rotation, the real part first, from its largest part."""
-    r = rotation
-    trace = r[0, 0] + r[1, 1] + r[2, 2]
-    parts = [1.0 + trace, *(1.0 - trace + 2.0 * r[i, i] for i in range(3))]
-    turn = [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]
-    mixed = [r[1, 0] + r[0, 1], r[0, 2] + r[2, 0], r[2, 1] + r[1, 2]]
-    rows = [
-        [parts[0], *turn],
-        [turn[0], parts[1], mixed[0], mixed[1]],
-        [turn[1], mixed[0], parts[2], mixed[2]],
-        [turn[2], mixed[1], mixed[2], parts[3]],
-    ]
-    best, chosen = parts[0], lanes.lanes_of(rows[0])
-    for part, row in zip(parts[1:], rows[1:]):
-        more = part > best
-        chosen = lanes.choose(more, lanes.lanes_of(row), chosen)
-        best = lanes.select(more, part, best)
-    per = lanes.materialise(Lane(1.0) / lanes.norm(chosen))
-    return np.array([part * per for part in chosen], dtype=object)
 
 
 def _half_product(vector: Lanes, turn: Lanes) -> Lanes:
@@ -131,25 +113,13 @@ def at_angle(minors: Lanes, cos: Lane, sin: Lane) -> Lanes:
     return (minors[0] + cos * minors[1] + sin * minors[2]).T
 
 
-def eliminated(matrix: Lanes, places: jax.Array, pivoting: bool) -> tuple[Lane, Lanes]:
-    """The product of the pivots of (6, 9) equations, and the (6, 6) matrix of their unknown.
-
-    The first six columns are eliminated, exchanging rows where `pivoting`; `places` says where the
-    nine columns belong. What is left are three unknowns v w, w the half angle of x, and two
-    conditions on each: v stands in `null_basis`.
-    """
-    pivots, basis = null_basis(matrix, places, pivoting)
-    return pivots, half_angle_matrix(basis)
-
-
-def null_basis(matrix: Lanes, places: jax.Array, pivoting: bool) -> tuple[Lane, Lanes]:
-    """The product of the pivots, and (3, 3, 3) what solves the equations: by (1, cos, sin) of x, by
-    those of y, for three free unknowns."""
+def null_basis(matrix: Lanes, places: jax.Array) -> tuple[Lane, Lanes]:
+    """The product of the pivots of (6, 9) equations of which the first six columns are eliminated,
+    and (3, 3, 3) what solves them: by (1, cos, sin) of x, by those of y, for three free unknowns.
+    `places` says where the nine columns belong."""
     rows = [list(row) for row in matrix]
     product: Lane | None = None
     for k in range(6):
-        if pivoting:
-            _exchange(rows, k, 9)
         product = rows[k][k] if product is None else product * rows[k][k]
         for i in range(k + 1, 6):
             share = rows[i][k] / rows[k][k]
@@ -173,11 +143,11 @@ def null_basis(matrix: Lanes, places: jax.Array, pivoting: bool) -> tuple[Lane, 
     return product, np.array(entries, dtype=object).reshape(3, 3, 3)
 
 
-def _exchange(rows: list[list[Lane]], k: int, width: int) -> None:
+def _exchange(rows: list[list[Lane]], k: int) -> None:
     """Bring the largest of column k to row k, such that the determinant stays."""
     for i in range(k + 1, len(rows)):
         larger = abs(rows[i][k]) > abs(rows[k][k])
-        for j in range(k, width):
+        for j in range(k, len(rows[k])):
             upper, lower = rows[k][j], rows[i][j]
             rows[k][j] = lanes.select(larger, lower, upper)
             rows[i][j] = lanes.select(larger, -upper, lower)
@@ -197,7 +167,7 @@ def determinant(matrix: Lanes) -> Lane:
     size = len(rows)
     out = Lane(1.0)
     for k in range(size):
-        _exchange(rows, k, size)
+        _exchange(rows, k)
         out = out * rows[k][k]
         for i in range(k + 1, size):
             share = rows[i][k] / lanes.select(abs(rows[k][k]) > 0.0, rows[k][k], 1.0)
@@ -215,8 +185,8 @@ def polynomial(numbers: ClosureNumbers, equations: Equations) -> Polynomial:
     minors = np.empty((3, COLUMNS, 6), dtype=object)
     for index in np.ndindex(3, COLUMNS, 6):
         minors[index] = Lane(equations.minors[index][None])
-    pivots, matrix = eliminated(at_angle(minors, cos, sin), numbers.places, pivoting=False)
-    values = _kept((pivots * pivots * determinant(matrix)).array)
+    pivots, basis = null_basis(at_angle(minors, cos, sin), numbers.places)
+    values = _kept((pivots * pivots * determinant(half_angle_matrix(basis))).array)
     usable = jnp.isfinite(values)
     largest = jnp.max(jnp.where(usable, jnp.abs(values), jnp.inf), axis=0)
     some = jnp.isfinite(largest) & (largest > 0)

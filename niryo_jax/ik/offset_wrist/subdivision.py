@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from niryo_jax import lanes
-from niryo_jax.execution.compaction import at_once, running_count
+from niryo_jax.execution.compaction import append, at_once, tally
 from niryo_jax.ik.offset_wrist import condition
 from niryo_jax.ik.offset_wrist.parameters import OffsetWristParameters
 from niryo_jax.ik.offset_wrist.posture import Posture, posture_or_crossing
@@ -99,11 +99,11 @@ def find_roots(
     most = min(_ROOTS * rows, _ROOM * rows + _MORE_ROOM) + 2 * width
     first, certain, start = _first_intervals(arm, circles, live)
     stack = jnp.zeros((first.shape[0] + width * _DEPTH, 6), dtype)
-    stack, size = _append(stack, jnp.int32(0), first, ~certain)
+    stack, size = append(stack, jnp.int32(0), first, ~certain)
     roots = jnp.full((most, 6), -1.0, dtype)
-    roots, count = _append(roots, jnp.int32(0), first, start)
+    roots, count = append(roots, jnp.int32(0), first, start)
     nothing = jnp.zeros(rows, jnp.int32)
-    held = _tally(nothing, first[:, 0], start)
+    held = tally(nothing, first[:, 0], start)
     state = _State(stack, size, roots, count, nothing, held)
     state = jax.lax.while_loop(
         lambda state: state.size > 0, lambda state: _step(arm, circles, width, state), state
@@ -118,11 +118,6 @@ def find_roots(
 def _given_up(spent: jax.Array, held: jax.Array) -> jax.Array:
     """Whether a pose has had its share of the work."""
     return (spent > _ITEMS) | (held > _ROOTS)
-
-
-def _tally(counts: jax.Array, pose: jax.Array, which: jax.Array) -> jax.Array:
-    """The counts (rows,), with one more for each of the chosen that belong to a pose."""
-    return counts.at[pose.astype(jnp.int32)].add(which.astype(jnp.int32), mode="drop")
 
 
 def posture_of(arm: OffsetWristParameters, circle: WristCircle, intervals: jax.Array) -> Posture:
@@ -165,15 +160,6 @@ def _first_intervals(
     return items, (certain | still | ~live).reshape(-1), start.reshape(-1)
 
 
-def _append(
-    rows: jax.Array, count: jax.Array, new: jax.Array, which: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """Write the chosen rows of `new` behind the first `count` rows."""
-    place, total = running_count(which)
-    place = jnp.where(which, count + place - 1, rows.shape[0])
-    return rows.at[place].set(new, mode="drop"), count + total
-
-
 def _step(
     arm: OffsetWristParameters, circles: RecordRows[WristCircle], width: int, state: _State
 ) -> _State:
@@ -190,7 +176,7 @@ def _step(
     pose, code, low, high, f_low, f_high = (lane.array for lane in lanes.contiguous_lanes(items))
     branch = code % 4
     signs = condition.branch_signs(branch.astype(jnp.int32), dtype)
-    spent = _tally(state.spent, pose, live)
+    spent = tally(state.spent, pose, live)
     row = jnp.clip(pose.astype(jnp.int32), 0, len(state.spent) - 1)
     given_up = _given_up(spent[row], state.held[row])
     middle, reach = 0.5 * (low + high), 0.5 * (high - low)
@@ -233,10 +219,10 @@ def _step(
         jnp.concatenate(roots),
         ~jnp.concatenate(certain),
     )
-    held = _tally(state.held, both[:, 0], is_root)
-    stack, size = _append(state.stack, start, both, is_open)
+    held = tally(state.held, both[:, 0], is_root)
+    stack, size = append(state.stack, start, both, is_open)
     has_room = jnp.tile(state.held[row] <= _ROOTS, 2)
-    found_roots, count = _append(state.roots, state.number, both, is_root & has_room)
+    found_roots, count = append(state.roots, state.number, both, is_root & has_room)
     return _State(stack, size, found_roots, count, spent, held)
 
 
