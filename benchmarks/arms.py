@@ -27,7 +27,7 @@ import numpy as np
 
 import niryo_jax as nj
 from benchmarks import reference
-from benchmarks.honesty import from_file
+from benchmarks.honesty import from_file, off
 from benchmarks.measure import Claim, Report, Timed, about, alternate, header, in_a_process, table
 from niryo_jax.ik.methods.multistart import solve_multistart
 
@@ -49,11 +49,8 @@ def at_random(seed: int) -> nj.Robot:
 def off_by(name: str, size: float) -> nj.Robot:
     """A shipped arm, its axes off by about so many metres and radians."""
     robot = nj.robots.load(name)
-    rng = np.random.default_rng(1)
-    w, v = np.asarray(robot.screws)[:, :3], np.asarray(robot.screws)[:, 3:]
-    points = np.cross(w, v) + size * rng.standard_normal((6, 3))
-    axes = w + size * rng.standard_normal((6, 3))
-    return nj.Robot.from_axes(axes, points, robot.home, name=f"{name}, off by {size:.0e}")
+    screws = off(robot, size, np.random.default_rng(1))
+    return nj.Robot.from_screws(screws, robot.home, name=f"{name}, off by {size:.0e}")
 
 
 def judged(robot: nj.Robot, poses: int, seed: int) -> dict[str, Any]:

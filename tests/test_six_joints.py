@@ -16,8 +16,8 @@ from support import product_of_exponentials, random_robot
 
 import niryo_jax as nj
 from niryo_jax.ik import IKStatus
-from niryo_jax.ik.complete.general_arm import solve_general_arm
-from niryo_jax.ik.general.isolation import Effort, isolated
+from niryo_jax.ik.complete.general_arm import are_proved, solve_general_arm
+from niryo_jax.ik.general.isolation import PAIR, SIMPLE, Effort, Roots, isolated
 from niryo_jax.ik.general.polynomial import Polynomial
 from niryo_jax.ik.methods.multistart import solve_multistart
 from niryo_jax.specialise import traced_geometry
@@ -25,7 +25,7 @@ from niryo_jax.structure import closure
 
 POSES = 256  # one shape, so one program, for most tests
 
-EFFORT = Effort(2000, 1e-8)
+EFFORT = Effort(2000, 1e-8, 1e-4)
 
 
 def posed(robot, q):
@@ -232,48 +232,71 @@ def roots_of(coefficients):
 ROWS = 4
 
 
-def settled_roots(*polynomials):
+def roots_and_proof(*polynomials):
+    """The roots of each polynomial, and whether they are simple and all."""
     table = np.zeros((17, ROWS))
     table[0] = 1.0
     table[:, : len(polynomials)] = np.transpose(polynomials)
     found = roots_of(jnp.asarray(table))
-    owner, angle = np.asarray(found.owner), np.asarray(found.angle)
+    owner, angle, simple = map(np.asarray, (found.owner, found.angle, found.kind == SIMPLE))
     return [
-        (np.sort(angle[owner == i] % (2 * np.pi)), bool(found.settled[i]))
-        for i in range(len(polynomials))
+        (np.sort(angle[own] % (2 * np.pi)), bool(found.settled[i]) and np.all(simple[own]))
+        for i, own in enumerate(owner == i for i in range(len(polynomials)))
     ]
 
 
 @given(st.lists(st.integers(0, 40), min_size=16, max_size=16, unique=True), st.floats(0, 6.28))
 def test_sixteen_real_roots_are_isolated(places, turn):
     roots = np.sort((2 * np.pi * np.array(places) / 41 + turn) % (2 * np.pi))
-    ((found, settled),) = settled_roots(product(roots))
-    if settled:
+    ((found, simple),) = roots_and_proof(product(roots))
+    if simple:
         assert len(found) == 16
         offset = np.abs((found[:, None] - roots + np.pi) % (2 * np.pi) - np.pi)
         np.testing.assert_allclose(offset.min(axis=0), 0, atol=1e-4)
 
 
-def test_well_separated_roots_are_settled():
+def test_well_separated_roots_are_simple():
     roots = 2 * np.pi * np.arange(16) / 16 + 0.123
-    ((found, settled),) = settled_roots(product(roots))
-    assert settled
+    ((found, simple),) = roots_and_proof(product(roots))
+    assert simple
     np.testing.assert_allclose(found, roots, atol=1e-12)
 
 
-def test_a_double_root_is_met_and_never_settled():
-    simple = np.linspace(0.5, 2.5, 14)
-    for gap in (0.0, 1e-9, 1e-8):
-        double = np.concatenate([simple, [4.0, 4.0 + gap]])
-        ((found, settled),) = settled_roots(product(double))
-        assert not settled
-        assert np.abs(found - 4.0).min() < 1e-3
+@pytest.mark.parametrize("gap", [0.0, 1e-9, 1e-8, 1e-6])
+def test_roots_that_noise_may_merge_are_a_pair_and_never_simple(gap):
+    double = np.concatenate([np.linspace(0.5, 2.5, 14), [4.0, 4.0 + gap]])
+    ((found, simple),) = roots_and_proof(product(double))
+    assert not simple
+    near = found[np.abs(found - 4.0) < 1e-3]
+    assert len(near) == 2
+    np.testing.assert_allclose(np.sort(near), [4.0, 4.0 + gap], atol=1e-6)
+
+
+def test_a_pair_is_proved_by_two_solutions_on_its_arc():
+    def of(kinds, arcs, kept, settled=True):
+        number = len(kinds)
+        arc = jnp.asarray(arcs, float).T
+        roots = Roots(
+            jnp.zeros(number, int), arc[0], arc, jnp.asarray(kinds), jnp.array([settled]), number
+        )
+        table = np.full((16, 1), np.inf)
+        table[: len(kept), 0] = kept
+        return bool(are_proved(roots, jnp.asarray(table))[0])
+
+    kinds, arcs = [SIMPLE, PAIR, PAIR], [(0.0, 0.1), (3.1, 3.2), (3.1, 3.2)]
+    assert of(kinds, arcs, [0.05, 3.11, 3.15 - 2 * np.pi])
+    assert not of(kinds, arcs, [0.05, 3.11])
+    assert not of(kinds, arcs, [3.11, 3.15])
+    assert not of(kinds, arcs, [0.05, 3.11, 3.12, 3.15])
+    assert not of(kinds, arcs, [0.05, 0.06, 3.11, 3.15])
+    assert not of(kinds, arcs, [0.05, 3.11, 3.15], settled=False)
+    assert of([], np.zeros((0, 2)), [])
 
 
 def test_a_polynomial_without_roots_is_settled_and_noise_is_not():
     constant = np.eye(17)[0]
     nothing = 1e-16 * np.ones(17)
-    (first, second) = settled_roots(constant, nothing)
+    (first, second) = roots_and_proof(constant, nothing)
     assert first[1]
     assert len(first[0]) == 0
     assert not second[1]

@@ -11,13 +11,12 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.execution.compaction import at_once, for_each_chunk
 from niryo_jax.execution.padding import is_small
 from niryo_jax.ik.complete.polish import MOST
-from niryo_jax.ik.general.isolation import Effort, Roots, isolated
+from niryo_jax.ik.general.isolation import PAIR, SIMPLE, Effort, Roots, isolated
 from niryo_jax.ik.general.polynomial import equations_of, polynomial
 from niryo_jax.ik.general.recovery import joint_vectors
 from niryo_jax.ik.newton import rolled
@@ -34,8 +33,8 @@ from niryo_jax.structure.closure import unflattened
 from niryo_jax.tolerances import DEPENDENT_ROW, IK_POLISH
 
 _PART = 64
-_FIRST = Effort(200, 3e-3)
-_LAST = Effort(2000, 1e-8)
+_FIRST = Effort(200, 3e-3, 3e-3)
+_LAST = Effort(2000, 1e-8, 1e-4)
 _STEPS, _MORE_STEPS = 5, 20
 _LARGEST_STEP = 0.3
 _ROOTS_OF_A_POSE = 4
@@ -126,10 +125,8 @@ def _solved(
     chunk = min(room, max(_ROOTS_OF_A_POSE * rows, 16))
     solved = for_each_chunk(roots.owner < rows, chunk, recover, jnp.zeros((8, room), dtype))
     q, position, rotation = without_whole_turns(solved[:6].T, _PERIODIC), solved[6], solved[7]
-    kept = jnp.sum(jnp.where((way.order == 0)[:, None], solved[:6], 0.0), axis=0)
     row = jnp.minimum(roots.owner, rows - 1)
     good = (roots.owner < rows) & within_tolerance(position, rotation, size=size[row])
-    proved = _are_proved(roots, good, kept, rows)
     owner = jnp.where(good, roots.owner, rows)
     before = jnp.broadcast_to(jnp.arange(rows)[:, None], known.found.shape)
     before = jnp.where(known.found, before, rows)
@@ -148,11 +145,12 @@ def _solved(
     )
     table = table.T
     exists, taken = table >= 0, jnp.maximum(table, 0)
-    pairs = (q, known.q), (position, known.position), (rotation, known.rotation)
-    parts = (with_known(*pair)[taken] for pair in (*pairs, (roots.sure, known.sure)))
-    vectors, metres, radians, sure = parts
-    proved = known.proved | (proved & ~crowded)
-    return _Found(vectors, exists, metres, radians, sure, proved)
+    sure = roots.kind == SIMPLE
+    parts = (q, known.q), (position, known.position), (rotation, known.rotation), (sure, known.sure)
+    vectors, metres, radians, sure = (with_known(*part)[taken] for part in parts)
+    kept = jnp.sum(jnp.where(way.order == 0, vectors, 0.0), axis=-1)
+    proved = are_proved(roots, jnp.where(exists, kept, jnp.inf).T) & ~crowded
+    return _Found(vectors, exists, metres, radians, sure | proved[:, None], known.proved | proved)
 
 
 def _improved(
@@ -198,11 +196,17 @@ def _written_out_step(geometry: Geometry, goal: Lanes, q: jax.Array) -> tuple[ja
     return moves, *(jnp.broadcast_to(x.array, q.shape[1:]) for x in errors)
 
 
-def _are_proved(roots: Roots, good: jax.Array, kept: jax.Array, rows: int) -> jax.Array:
-    """Of which poses all solutions are met: each root is simple, so that it belongs to one
-    solution, and has led to one whose kept joint (r,) lies on the arc of that root."""
+def are_proved(roots: Roots, kept: jax.Array) -> jax.Array:
+    """Of which poses all solutions are met, those whose kept joints are at (16, rows), infinite
+    where there is none: on the arc of each simple root lies one, and two on that of each pair."""
+    rows = kept.shape[1]
+    row = jnp.minimum(roots.owner, rows - 1)
     low, high = roots.arc
-    turn = 2 * np.pi * jnp.round((kept - 0.5 * (low + high)) / (2 * np.pi))
-    there = (kept - turn >= low) & (kept - turn <= high)
-    lost = jnp.where(good & there, rows, roots.owner)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    count = jnp.zeros(row.shape, jnp.int32)
+    for angle in kept:
+        off = jnp.abs(without_whole_turns(angle[row] - middle, (True,)))
+        count = count + (off <= half)
+    enough = count == jnp.where(roots.kind == PAIR, 2, 1)
+    lost = jnp.where(enough, rows, roots.owner)
     return roots.settled.at[lost].set(False, mode="drop")

@@ -120,6 +120,7 @@ def null_basis(matrix: Lanes, places: jax.Array) -> tuple[Lane, Lanes]:
     rows = [list(row) for row in matrix]
     product: Lane | None = None
     for k in range(6):
+        _exchange(rows, k)
         product = rows[k][k] if product is None else product * rows[k][k]
         for i in range(k + 1, 6):
             share = rows[i][k] / rows[k][k]
