@@ -17,7 +17,7 @@ from support import product_of_exponentials, random_robot
 import niryo_jax as nj
 from niryo_jax.ik import IKStatus
 from niryo_jax.ik.complete.general_arm import are_proved, solve_general_arm
-from niryo_jax.ik.general.isolation import PAIR, SIMPLE, Effort, Roots, isolated
+from niryo_jax.ik.general.isolation import UNBOUNDED, Effort, Roots, isolated
 from niryo_jax.ik.general.polynomial import Polynomial
 from niryo_jax.ik.methods.multistart import solve_multistart
 from niryo_jax.specialise import traced_geometry
@@ -25,7 +25,7 @@ from niryo_jax.structure import closure
 
 POSES = 256  # one shape, so one program, for most tests
 
-EFFORT = Effort(2000, 1e-8, 1e-4)
+EFFORT = Effort(2000, 1e-8, 1e-5, 1e-4)
 
 
 def posed(robot, q):
@@ -238,9 +238,9 @@ def roots_and_proof(*polynomials):
     table[0] = 1.0
     table[:, : len(polynomials)] = np.transpose(polynomials)
     found = roots_of(jnp.asarray(table))
-    owner, angle, simple = map(np.asarray, (found.owner, found.angle, found.kind == SIMPLE))
+    owner, angle, simple = map(np.asarray, (found.owner, found.angle, found.most == 1))
     return [
-        (np.sort(angle[own] % (2 * np.pi)), bool(found.settled[i]) and np.all(simple[own]))
+        (np.sort(angle[own] % (2 * np.pi)), bool(found.listed[i]) and np.all(simple[own]))
         for i, own in enumerate(owner == i for i in range(len(polynomials)))
     ]
 
@@ -272,24 +272,24 @@ def test_roots_that_noise_may_merge_are_a_pair_and_never_simple(gap):
     np.testing.assert_allclose(np.sort(near), [4.0, 4.0 + gap], atol=1e-6)
 
 
-def test_a_pair_is_proved_by_two_solutions_on_its_arc():
-    def of(kinds, arcs, kept, settled=True):
-        number = len(kinds)
+def test_as_many_solutions_as_there_are_roots_at_most_are_a_proof():
+    def of(most, arcs, kept, listed=True):
+        number = len(most)
         arc = jnp.asarray(arcs, float).T
-        roots = Roots(
-            jnp.zeros(number, int), arc[0], arc, jnp.asarray(kinds), jnp.array([settled]), number
-        )
+        owner = jnp.zeros(number, int)
+        roots = Roots(owner, arc[0], arc, jnp.asarray(most), jnp.array([listed]), number)
         table = np.full((16, 1), np.inf)
         table[: len(kept), 0] = kept
         return bool(are_proved(roots, jnp.asarray(table))[0])
 
-    kinds, arcs = [SIMPLE, PAIR, PAIR], [(0.0, 0.1), (3.1, 3.2), (3.1, 3.2)]
-    assert of(kinds, arcs, [0.05, 3.11, 3.15 - 2 * np.pi])
-    assert not of(kinds, arcs, [0.05, 3.11])
-    assert not of(kinds, arcs, [3.11, 3.15])
-    assert not of(kinds, arcs, [0.05, 3.11, 3.12, 3.15])
-    assert not of(kinds, arcs, [0.05, 0.06, 3.11, 3.15])
-    assert not of(kinds, arcs, [0.05, 3.11, 3.15], settled=False)
+    most, arcs = [1, 2, 2], [(0.0, 0.1), (3.1, 3.2), (3.1, 3.2)]
+    assert of(most, arcs, [0.05, 3.11, 3.15 - 2 * np.pi])
+    assert not of(most, arcs, [0.05, 3.11])
+    assert not of(most, arcs, [3.11, 3.15])
+    assert not of(most, arcs, [0.05, 3.11, 3.12, 3.15])
+    assert not of(most, arcs, [0.05, 0.06, 3.11, 3.15])
+    assert not of(most, arcs, [0.05, 3.11, 3.15], listed=False)
+    assert not of([UNBOUNDED], [(0.0, 0.1)], [0.05])
     assert of([], np.zeros((0, 2)), [])
 
 

@@ -16,7 +16,7 @@ from niryo_jax import lanes
 from niryo_jax.execution.compaction import at_once, for_each_chunk
 from niryo_jax.execution.padding import is_small
 from niryo_jax.ik.complete.polish import MOST
-from niryo_jax.ik.general.isolation import PAIR, SIMPLE, Effort, Roots, isolated
+from niryo_jax.ik.general.isolation import Effort, Roots, isolated
 from niryo_jax.ik.general.polynomial import equations_of, polynomial
 from niryo_jax.ik.general.recovery import joint_vectors
 from niryo_jax.ik.newton import rolled
@@ -33,8 +33,8 @@ from niryo_jax.structure.closure import unflattened
 from niryo_jax.tolerances import DEPENDENT_ROW, IK_POLISH
 
 _PART = 64
-_FIRST = Effort(200, 3e-3, 3e-3)
-_LAST = Effort(2000, 1e-8, 1e-4)
+_FIRST = Effort(200, 3e-3, 3e-3, 3e-3)
+_LAST = Effort(2000, 1e-8, 1e-5, 1e-4)
 _STEPS, _MORE_STEPS = 5, 20
 _LARGEST_STEP = 0.3
 _ROOTS_OF_A_POSE = 4
@@ -145,7 +145,7 @@ def _solved(
     )
     table = table.T
     exists, taken = table >= 0, jnp.maximum(table, 0)
-    sure = roots.kind == SIMPLE
+    sure = roots.most == 1
     parts = (q, known.q), (position, known.position), (rotation, known.rotation), (sure, known.sure)
     vectors, metres, radians, sure = (with_known(*part)[taken] for part in parts)
     kept = jnp.sum(jnp.where(way.order == 0, vectors, 0.0), axis=-1)
@@ -198,7 +198,7 @@ def _written_out_step(geometry: Geometry, goal: Lanes, q: jax.Array) -> tuple[ja
 
 def are_proved(roots: Roots, kept: jax.Array) -> jax.Array:
     """Of which poses all solutions are met, those whose kept joints are at (16, rows), infinite
-    where there is none: on the arc of each simple root lies one, and two on that of each pair."""
+    where there is none: each arc has as many of them as it has roots at most."""
     rows = kept.shape[1]
     row = jnp.minimum(roots.owner, rows - 1)
     low, high = roots.arc
@@ -207,6 +207,5 @@ def are_proved(roots: Roots, kept: jax.Array) -> jax.Array:
     for angle in kept:
         off = jnp.abs(without_whole_turns(angle[row] - middle, (True,)))
         count = count + (off <= half)
-    enough = count == jnp.where(roots.kind == PAIR, 2, 1)
-    lost = jnp.where(enough, rows, roots.owner)
-    return roots.settled.at[lost].set(False, mode="drop")
+    lost = jnp.where(count == roots.most, rows, roots.owner)
+    return roots.listed.at[lost].set(False, mode="drop")

@@ -1,11 +1,12 @@
-"""The real roots of trigonometric polynomials of degree 8, with a proof that they are all.
+"""The real roots of trigonometric polynomials of degree 8, with what proves that they are all.
 
-On an arc, g times a positive number is a form of degree 16; where its 17 Bernstein coefficients
-are all beyond the noise and have no change of sign there is no root, where they have one there is
-exactly one, and where they have two there are two at most (Descartes' rule; those that are complex
-but lie next to the arc count). An arc that is neither is halved (de Casteljau). Where noise hides
-what lies on the halves of an arc with two at most, the arc itself is kept as a pair: two solutions
-on it are all. The arcs of all polynomials wait on one stack, of which every step takes the top.
+On an arc, g times a positive number is a form of degree 16. It has at most as many roots there as
+its 17 Bernstein coefficients have changes of sign, and as many but for an even number (Descartes'
+rule; roots that are complex but lie next to the arc count). Coefficients within the noise are taken
+for what makes most changes. An arc without a change is done with, one with a single change holds a
+simple root, and others are halved (de Casteljau) until noise hides what their halves hold. Then
+what is known is the number of roots of an arc further up: if as many different solutions lie on it,
+they are all. The arcs of all polynomials wait on one stack, of which every step takes the top.
 """
 
 from __future__ import annotations
@@ -28,17 +29,18 @@ from niryo_jax.tolerances import POLYNOMIAL_NOISE
 _ARCS = 32
 _WIDTH = 64
 _FORM = 2 * DEGREE
-_HEAD = 4
+_HEAD = 6
 _REFINEMENTS = 7
 _MOST = 40
 _DEEPEST = 28
 _NARROWEST = 2 * np.pi / _ARCS / 2 ** (_DEEPEST - 2)
 
 
-ANY, SIMPLE, PAIR = 0, 1, 2
-"""What an arc holds: any number of roots, one that is simple, or two at most."""
+_MIDDLE, _ROOT, _LOWER, _UPPER = range(4)
+"""Where to begin on an arc: its middle, its root, and either root of two."""
 
-_LOWER, _UPPER = PAIR, PAIR + 1
+UNBOUNDED = 2 * _FORM
+"""More roots than there can be."""
 
 
 class Roots(NamedTuple):
@@ -46,19 +48,18 @@ class Roots(NamedTuple):
 
     Attributes:
         owner: (r,) whose each is; `rows` behind the last.
-        angle: (r,).
-        arc: (2, r) the ends of the arc that it is known to lie on.
-        kind: (r,) one of ANY, SIMPLE, PAIR: what lies on the arc. A pair is in the list twice.
-        settled: (rows,) whether the roots of a polynomial are all in the list, and none of them on
-            an arc that may hold any number.
+        angle: (r,) the root, or where there may be one.
+        arc: (2, r) the ends of an arc that holds it.
+        most: (r,) how many roots that arc has at most. It is 1 where `angle` is a simple root.
+        listed: (rows,) whether all roots of a polynomial are on arcs in the list.
         number: () how many there are.
     """
 
     owner: jax.Array
     angle: jax.Array
     arc: jax.Array
-    kind: jax.Array
-    settled: jax.Array
+    most: jax.Array
+    listed: jax.Array
     number: jax.Array
 
 
@@ -68,11 +69,13 @@ class Effort(NamedTuple):
     Attributes:
         share: how many arcs may be halved for one polynomial.
         narrowest: an arc that is narrower (radians) is not halved.
-        pair: an arc that is narrower (radians), and has two roots at most, is a pair.
+        hidden: the same of arcs of which less is known than of one further up.
+        pair: the same of arcs with two roots at most.
     """
 
     share: jax.Array | int
     narrowest: jax.Array | float
+    hidden: jax.Array | float
     pair: jax.Array | float
 
 
@@ -80,9 +83,10 @@ class _State(NamedTuple):
     """Arcs that wait, arcs that are found, and what each polynomial has had of both.
 
     Attributes:
-        arcs, size: rows (owner, low, high, whether two roots are the most, 17 coefficients), of
-            which the first `size` wait.
-        found, number: the same of rows (owner, low, high, kind).
+        arcs, size: rows (owner, low, high, bound, 17 coefficients), of which the first `size` wait.
+            A bound is (low, high, most): the ends of the arc itself or of one further up, and how
+            many roots that has at most.
+        found, number: the same of rows (owner, low, high, bound, where to begin).
         spent: (rows,) how many arcs were halved for each; held: (rows,) how many were found.
     """
 
@@ -102,24 +106,24 @@ def isolated(polynomial: Polynomial, effort: Effort) -> Roots:
     margin = POLYNOMIAL_NOISE * jnp.maximum(noise, least)
     first = jnp.asarray(_BERNSTEIN, dtype).reshape(-1, COEFFICIENTS) @ coefficients
     first = lanes.materialise(Lane(first)).array.reshape(_ARCS, COEFFICIENTS, rows)
-    one, none, two, flat = _judged(jnp.moveaxis(first, 1, 0), margin)
-    certain = none | one | flat
+    most, flat = _judged(jnp.moveaxis(first, 1, 0), margin)
     width = min(at_once(_WIDTH, rows), _ARCS * rows)
     # What one step finds may be more than a polynomial is given.
     room = _MOST * rows + 4 * width
     number = np.arange(_ARCS, dtype=float)[:, None] * (2 * np.pi / _ARCS)
-    owner = jnp.broadcast_to(jnp.arange(rows, dtype=dtype), certain.shape)
-    low = jnp.broadcast_to(jnp.asarray(number, dtype), certain.shape)
+    owner = jnp.broadcast_to(jnp.arange(rows, dtype=dtype), most.shape)
+    low = jnp.broadcast_to(jnp.asarray(number, dtype), most.shape)
     high = low + jnp.asarray(2 * np.pi / _ARCS, dtype)
-    is_root = one | flat
-    found = jnp.full((room, 4), -1.0, dtype)
-    items = jnp.stack([owner, low, high, one.astype(dtype)], axis=-1).reshape(-1, 4)
+    is_root = (most == 1) | flat
+    head = jnp.stack([owner, low, high, low, high, most.astype(dtype)])
+    begin = jnp.where(most == 1, _ROOT, _MIDDLE).astype(dtype)
+    items = jnp.concatenate([head, begin[None]]).reshape(_HEAD + 1, -1).T
+    found = jnp.full((room, _HEAD + 1), -1.0, dtype)
     found, count = append(found, jnp.int32(0), items, is_root.reshape(-1))
     capacity = _ARCS * rows + width * _DEEPEST
     arcs = jnp.zeros((capacity, _HEAD + COEFFICIENTS), dtype)
-    head = jnp.stack([owner, low, high, two.astype(dtype)])
     table = jnp.concatenate([head, jnp.moveaxis(first, 1, 0)]).reshape(_HEAD + COEFFICIENTS, -1).T
-    arcs, size = append(arcs, jnp.int32(0), table, ~certain.reshape(-1))
+    arcs, size = append(arcs, jnp.int32(0), table, ~(is_root | (most == 0)).reshape(-1))
     spent = jnp.zeros(rows, jnp.int32)
     held = jnp.sum(is_root, axis=0, dtype=jnp.int32)
     state = _State(arcs, size, found, count, spent, held)
@@ -130,32 +134,21 @@ def isolated(polynomial: Polynomial, effort: Effort) -> Roots:
     )
     live = jnp.arange(room) < state.number
     owner = jnp.where(live, state.found[:, 0].astype(jnp.int32), rows)
-    kind = state.found[:, 3].astype(jnp.int32)
-    settled = (state.spent <= effort.share) & (state.held <= _MOST)
-    settled = settled.at[jnp.where(kind == ANY, owner, rows)].set(False, mode="drop")
+    listed = (state.spent <= effort.share) & (state.held <= _MOST)
     angle = _refined(coefficients, owner, state.found)
-    arc = state.found[:, 1:3].T
-    return Roots(owner, angle, arc, jnp.minimum(kind, PAIR), settled, state.number)
+    arc, most = state.found[:, 3:5].T, state.found[:, 5].astype(jnp.int32)
+    return Roots(owner, angle, arc, most, listed, state.number)
 
 
-def _judged(form: jax.Array, margin: jax.Array) -> tuple[jax.Array, ...]:
-    """Whether forms (17, ...) have exactly one root, none, two at most, or nothing but noise."""
+def _judged(form: jax.Array, margin: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """How many roots forms (17, ...) have at most, and whether they are nothing but noise."""
     up, down = form > margin, form < -margin
-    certain = up | down
-    doubtful = jnp.sum(~certain, axis=0, dtype=jnp.int32)
-    # A doubtful coefficient is taken for either sign: it must not matter which.
-    most = _number(~(up[1:] & up[:-1]) & ~(down[1:] & down[:-1]))
-    ends = certain[0] & certain[-1]
-    unlike = up[0] != up[-1]
-    one = ends & unlike & (most <= 2)
-    none = (doubtful == 0) & (most == 0)
-    # The number of changes is even where the ends are alike.
-    two = ends & ~unlike & (most <= 3)
-    return one, none, two, doubtful == COEFFICIENTS
-
-
-def _number(which: jax.Array) -> jax.Array:
-    return jnp.sum(which, axis=0, dtype=jnp.int32)
+    alike = (up[1:] & up[:-1]) | (down[1:] & down[:-1])
+    most = jnp.sum(~alike, axis=0, dtype=jnp.int32)
+    # The number of changes is even where the ends are alike, and odd where they are not.
+    most = most - ((most + (up[0] != up[-1])) & 1)
+    ends = (up[0] | down[0]) & (up[-1] | down[-1])
+    return jnp.where(ends, most, UNBOUNDED), ~jnp.any(up | down, axis=0)
 
 
 def _step(margin: jax.Array, width: int, effort: Effort, state: _State) -> _State:
@@ -163,13 +156,10 @@ def _step(margin: jax.Array, width: int, effort: Effort, state: _State) -> _Stat
     start = jnp.maximum(state.size - width, 0)
     items = jax.lax.dynamic_slice_in_dim(state.arcs, start, width)
     live = start + jnp.arange(width) < state.size
-    owner, low, high = items[:, 0].astype(jnp.int32), items[:, 1], items[:, 2]
-    two_at_most = items[:, 3] > 0.5
+    owner, low, high, bound = items[:, 0].astype(jnp.int32), items[:, 1], items[:, 2], items[:, 3:6]
+    most = bound[:, 2].astype(jnp.int32)
     spent = tally(state.spent, owner, live)
     middle = 0.5 * (low + high)
-    narrow = middle - low < jnp.maximum(effort.narrowest, _NARROWEST)
-    crowded = state.held[owner] > _MOST
-    given_up = (spent[owner] > effort.share) | narrow | crowded
     matrix = jnp.asarray(_HALVES, items.dtype).reshape(-1, COEFFICIENTS)
     forms = (matrix @ items[:, _HEAD:].T).reshape(2, COEFFICIENTS, width)
     # The middle of the form is shorter than its ends by the cosine of a quarter of the arc.
@@ -178,20 +168,27 @@ def _step(margin: jax.Array, width: int, effort: Effort, state: _State) -> _Stat
     powers = jnp.concatenate([jnp.ones((1, width), items.dtype), powers])
     halves = (forms[0] * powers, low, middle), (forms[1] * powers[::-1], middle, high)
     judged = [_judged(form, margin[owner]) for form, _, _ in halves]
-    # What an arc has at most, its halves have together; where that is not seen, it is noise.
-    hidden = ~functools.reduce(operator.and_, (one | none | two for one, none, two, _ in judged))
-    closed = functools.reduce(operator.and_, (one | none for one, none, _, _ in judged))
-    pair = two_at_most & ~closed & (hidden | given_up | (middle - low < effort.pair))
+    # The halves have no more roots than the whole, unless noise hides how many.
+    own = (judged[0][0] + judged[1][0] <= most) | (most == UNBOUNDED)
+    crowded = state.held[owner] > _MOST
+    narrowest = jnp.where(own, effort.narrowest, effort.hidden)
+    narrow = middle - low < jnp.maximum(narrowest, _NARROWEST)
+    given_up = (spent[owner] > effort.share) | narrow | crowded
+    open_still = functools.reduce(operator.or_, (its > 1 for its, _ in judged))
+    pair = (most == 2) & open_still & (~own | given_up | (middle - low < effort.pair))
     parts = list[jax.Array](), list[jax.Array](), list[jax.Array](), list[jax.Array]()
-    for (form, a, b), (one, none, two, flat), kind in zip(halves, judged, (_LOWER, _UPPER)):
+    for (form, a, b), (its, flat), begin in zip(halves, judged, (_LOWER, _UPPER)):
+        is_root = (its == 1) & ~pair
         ends = flat | given_up
-        kind = jnp.where(pair, kind, jnp.where(one, SIMPLE, ANY)).astype(items.dtype)
-        its_arc = jnp.where(pair, low, a), jnp.where(pair, high, b)
-        parts[0].append(jnp.stack([items[:, 0], *its_arc, kind], axis=-1))
-        parts[1].append(live & ~crowded & (pair | one | (ends & ~none)))
-        head = jnp.stack([items[:, 0], a, b, two.astype(items.dtype)], axis=-1)
+        begin = jnp.where(pair, begin, jnp.where(is_root, _ROOT, _MIDDLE)).astype(items.dtype)
+        a, b = jnp.where(pair, low, a), jnp.where(pair, high, b)
+        takes_own = ((own | is_root) & ~pair)[:, None]
+        its_bound = jnp.where(takes_own, jnp.stack([a, b, its.astype(a.dtype)], axis=-1), bound)
+        head = jnp.concatenate([jnp.stack([items[:, 0], a, b], axis=-1), its_bound], axis=1)
+        parts[0].append(jnp.concatenate([head, begin[:, None]], axis=1))
+        parts[1].append(live & ~crowded & (pair | is_root | (ends & (its > 0))))
         parts[2].append(jnp.concatenate([head, form.T], axis=1))
-        parts[3].append(live & ~one & ~none & ~ends & ~pair)
+        parts[3].append(live & (its > 1) & ~ends & ~pair)
     new, is_root, rows, is_open = (jnp.concatenate(part) for part in parts)
     arcs, size = append(state.arcs, start, rows, is_open)
     found, number = append(state.found, state.number, new, is_root)
@@ -204,8 +201,8 @@ def _refined(coefficients: jax.Array, owner: jax.Array, found: jax.Array) -> jax
     the same method finds where g has its extremum, and the parabola there its roots."""
     row = jnp.minimum(owner, coefficients.shape[1] - 1)
     c = lanes.contiguous_lanes(coefficients.T[row])
-    _, low, high, kind = (lane.array for lane in lanes.contiguous_lanes(found))
-    is_pair = kind >= PAIR
+    _, low, high, *_, begin = (lane.array for lane in lanes.contiguous_lanes(found))
+    is_pair = begin >= _LOWER
 
     def of(at: jax.Array) -> tuple[jax.Array, jax.Array]:
         value, slope, bend = _derivatives(c, at)
@@ -228,8 +225,8 @@ def _refined(coefficients: jax.Array, owner: jax.Array, found: jax.Array) -> jax
     value, _, bend = _derivatives(c, at)
     square = -2.0 * value / jnp.where(bend == 0, 1.0, bend)
     apart = jnp.minimum(jnp.sqrt(jnp.maximum(square, 0.0)), 0.5 * (high - low))
-    of_pair = jnp.where(kind == _LOWER, at - apart, at + apart)
-    return jnp.where(is_pair, of_pair, jnp.where(kind == SIMPLE, at, middle))
+    of_pair = jnp.where(begin == _LOWER, at - apart, at + apart)
+    return jnp.where(is_pair, of_pair, jnp.where(begin == _ROOT, at, middle))
 
 
 def _derivatives(c: lanes.Lanes, angle: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
