@@ -25,7 +25,7 @@ from niryo_jax.structure import closure
 
 POSES = 256  # one shape, so one program, for most tests
 
-EFFORT = Effort(2000, 1e-8, 1e-5, 1e-4)
+EFFORT = Effort(2000, 1e-8, 1e-3, 1e-4)
 
 
 def posed(robot, q):

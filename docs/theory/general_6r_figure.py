@@ -41,7 +41,7 @@ def draw(axes: plt.Axes, robot: nj.Robot, pose: np.ndarray, what: str) -> None:
     goal = lanes.unpack(jnp.asarray(pose)[None], 2)
     home = lanes.unpack(jnp.asarray(robot.home), 2)
     g = polynomial(numbers, equations_of(numbers, goal, home, 1))
-    roots = isolated(g, Effort(2000, 1e-8, 1e-5, 1e-4))
+    roots = isolated(g, Effort(2000, 1e-8, 1e-3, 1e-4))
     c = np.asarray(g.coefficients)[:, 0]
 
     def value(t: np.ndarray) -> np.ndarray:

@@ -1,8 +1,9 @@
 """Six revolute joints of any geometry: all solutions by the roots of one polynomial.
 
 The roots are isolated by halving a few times, in the way of elimination that suits the arm best.
-What that leaves open is halved until rounding ends it, in every way; one of them is proof enough.
-Both are one loop over parts of the batch, so that the program holds its body once.
+What that leaves open is halved until rounding ends it, in every other way, and in the best one
+again, which then knows what the others found; one of them is proof enough. All of it is one loop
+over parts of the batch, so that the program holds its body once.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from niryo_jax.tolerances import DEPENDENT_ROW, IK_POLISH
 
 _PART = 64
 _FIRST = Effort(200, 3e-3, 3e-3, 3e-3)
-_LAST = Effort(2000, 1e-8, 1e-5, 1e-4)
+_LAST = Effort(2000, 1e-8, 1e-3, 1e-4)
 _STEPS, _MORE_STEPS = 5, 20
 _LARGEST_STEP = 0.3
 _ROOTS_OF_A_POSE = 4
@@ -74,7 +75,7 @@ def solve_general_arm(
 
     def by_one_way(turn: jax.Array, found: _Found) -> _Found:
         first = turn == 0
-        way = numbers[jnp.maximum(turn - 1, 0)]
+        way = numbers[turn % len(numbers)]
         effort = Effort(*(jnp.where(first, a, b) for a, b in zip(_FIRST, _LAST)))
         steps = jnp.where(first, _STEPS, _MORE_STEPS)
 
