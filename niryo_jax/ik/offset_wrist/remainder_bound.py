@@ -130,9 +130,10 @@ def pose_rounding(sin_elbow: jax.Array, given: DTypeLike) -> jax.Array | float:
         given: the dtype in which the pose is given.
     """
     rounding, elbow = CONDITION_ROUNDING.of(sin_elbow.dtype), ELBOW_ROUNDING.of(given)
-    if elbow == 0.0:
-        return rounding
     least = float(jnp.finfo(given).eps) ** 0.5
+    if elbow / least < rounding:
+        # In a coarser dtype than that of the pose it is hardly more wherever the elbow is.
+        return rounding + elbow / least
     return rounding + elbow / jnp.maximum(sin_elbow, least)
 
 
