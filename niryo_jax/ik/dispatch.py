@@ -50,7 +50,7 @@ def inverse_kinematics(
             axes are parallel and for four joints of some kinds (docs/families.md); by the roots of
             one polynomial for all others of six revolute joints (docs/theory/general-6r.md).
             "sampled": for seven joints: the best of the complete sets for 16 arm angles, or values
-            of one joint.
+            of one joint; where none is within the limits, others of the same curves that are.
             "multistart": Newton-Raphson from 64 guesses, for any open chain.
             "continuation": for arms that are nearly of the first kind (calibrated ones), if named:
             the complete sets of the nearest such arm, refined by Newton-Raphson on the true one.

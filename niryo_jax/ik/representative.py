@@ -1,9 +1,9 @@
 """Which of infinitely many solutions stands for a self-motion.
 
-Where an arm can move while the tool rests, a method finds one of its joint vectors, anywhere. Here
-it gives way to one within the joint limits, or to the one nearest to a reference. That takes a
-program of its own, which only poses that need it ever run; inside a caller's transformation it is
-part of the caller's program.
+Where an arm can move while the tool rests, at a singularity or since it has a joint to spare, a
+method finds some of its joint vectors, anywhere. Here they give way to others within the joint
+limits, or to the one nearest to a reference. That takes a program of its own, which only poses that
+need it ever run; inside a caller's transformation it is part of the caller's program.
 """
 
 from __future__ import annotations
@@ -20,9 +20,11 @@ from niryo_jax import lanes
 from niryo_jax._jax import is_concrete
 from niryo_jax.execution.compaction import at_once, for_each_chunk
 from niryo_jax.execution.padding import program_size
+from niryo_jax.ik.newton.newton_raphson import newton_raphson
 from niryo_jax.ik.newton.pose_error import extent
 from niryo_jax.ik.newton.self_motion import WALKERS, best_of_self_motion
 from niryo_jax.ik.results.candidates import JointVectors
+from niryo_jax.ik.results.deduplicate import duplicates
 from niryo_jax.ik.results.limits import (
     Limits,
     are_within_limits,
@@ -58,6 +60,27 @@ def within_limits(
     return _replaced(robot, pose, answer, _endless_outside(answer), None, held)
 
 
+def inside_limits(robot: Robot, pose: jax.Array, answer: IKSolutions) -> IKSolutions:
+    """The answer of an arm with joints to spare: where none of its solutions is within the limits,
+    others of the same curves stand for them that are, if there are any.
+
+    Args:
+        robot: the arm.
+        pose: (..., 4, 4) as they were given.
+        answer: to these poses, by a method that knows some solutions of infinitely many.
+    """
+    still_robot, still_pose, still = jax.lax.stop_gradient((robot, pose, answer))
+    walked = _replaced(still_robot, still_pose, still, _all_outside(still), None, spare=True)
+    if is_concrete(pose, answer.q, *jax.tree.leaves(robot)):
+        return walked
+    # What is new has the derivatives of any solution.
+    moving = newton_raphson(robot, pose[..., None, :, :], walked.q).q
+    found = walked.found[..., None]
+    same = found & jnp.all(walked.q == still.q, axis=-1, keepdims=True)
+    q = jnp.where(same, answer.q, jnp.where(found, moving, walked.q))
+    return dataclasses.replace(walked, q=q, pose_distance=answer.pose_distance)
+
+
 def near_reference(
     robot: Robot, pose: jax.Array, answer: IKSolutions, q_ref: jax.Array, held: int | None = None
 ) -> IKSolutions:
@@ -82,6 +105,13 @@ def _endless_outside(answer: IKSolutions) -> tuple[jax.Array, jax.Array]:
 
 
 @jax.jit
+def _all_outside(answer: IKSolutions) -> tuple[jax.Array, jax.Array]:
+    """The same for all solutions of poses that have none within the limits."""
+    wanted = answer.found & ~jnp.any(answer.within_limits, axis=-1, keepdims=True)
+    return wanted, jnp.any(wanted)
+
+
+@jax.jit
 def is_endless(answer: IKSolutions) -> jax.Array:
     """(..., slots) which solutions may be some of infinitely many.
 
@@ -98,10 +128,11 @@ def _replaced(
     answer: IKSolutions,
     which: tuple[jax.Array, jax.Array],
     reference: jax.Array | None,
-    held: int | None,
+    held: int | None = None,
+    spare: bool = False,
 ) -> IKSolutions:
     """The answer, with others of their self-motions for some solutions: (..., slots) which, and
-    whether any."""
+    whether any. All solutions of an arm with joints to spare are on self-motions."""
     wanted, some = which
     concrete = is_concrete(wanted, pose, *jax.tree.leaves(robot))
     if concrete and not some:
@@ -133,10 +164,12 @@ def _replaced(
         answer.upper,
         periodic=answer.periodic,
         held=held,
+        spare=spare,
         quick=size <= _FEW,
     )
     changed = ranked.as_fields()
     solved = jnp.any(ranked.within, axis=-1)
+    changed["count"] = jnp.sum(ranked.found, axis=-1, dtype=jnp.int32)
     changed["status"] = jnp.where(solved, jnp.int32(IKStatus.SOLVED), flat.status[index])
     changed = {
         name: getattr(flat, name).at[rows].set(x[: len(rows)]) for name, x in changed.items()
@@ -156,6 +189,7 @@ def _searched(
     upper: jax.Array,
     periodic: tuple[bool, ...],
     held: int | None,
+    spare: bool,
 ) -> Ranked:
     """The solutions of poses (rows, 4, 4), with others of their self-motions for those `wanted`.
 
@@ -208,19 +242,23 @@ def _searched(
             return jnp.where(pick, x[:, slots:], x[:, :slots])
 
         q, position, rotation, new = map(chosen, (q, position, rotation, new))
-    # An isolated solution next to which the tool hardly moves is not one of infinitely many.
-    at_rest = position + rotation <= AT_REST.of(pose.dtype) * size[:, None]
-    better = wanted[:, :slots] & (new > old) & at_rest
+    better = wanted[:, :slots] & (new > old)
+    if not spare:
+        # An isolated solution next to which the tool hardly moves is not one of infinitely many.
+        better = better & (position + rotation <= AT_REST.of(pose.dtype) * size[:, None])
     vectors = vectors._replace(
         q=jnp.where(better[..., None], q, vectors.q),
         position_error=jnp.where(better, position, vectors.position_error),
         rotation_error=jnp.where(better, rotation, vectors.rotation_error),
-        singularity=jnp.where(
-            better & (vectors.singularity == Singularity.NONE),
-            jnp.int32(Singularity.SELF_MOTION),
-            vectors.singularity,
-        ),
     )
+    if spare:
+        # From many places of a curve the same one is reached.
+        repeated = duplicates(vectors.q, vectors.found, periodic)
+        vectors = vectors._replace(found=vectors.found & ~repeated)
+    else:
+        named = better & (vectors.singularity == Singularity.NONE)
+        names = jnp.where(named, jnp.int32(Singularity.SELF_MOTION), vectors.singularity)
+        vectors = vectors._replace(singularity=names)
     return rank(vectors, limits, periodic, slots)
 
 

@@ -66,8 +66,8 @@ def _structure_of(numbers: bytes, shape: tuple[int, ...], dtype: type) -> Struct
 def closed_form_plans(screws: np.ndarray) -> tuple[ClosedFormPlan, ...]:
     """How an arm can be solved, from screws (n, 6); empty where no closed form does.
 
-    An arm of seven joints has a plan for each joint that can be locked, first those that are
-    commonly chosen: the third, then from the base on; and one by the arm angle if it has one.
+    An arm of seven joints has a plan for each joint that can be locked, first those that turn most
+    while the tool rests; and one by the arm angle if it has one.
     """
     kinds = joint_kinds(screws)
     periodic = tuple(kind == "revolute" for kind in kinds)
@@ -75,7 +75,7 @@ def closed_form_plans(screws: np.ndarray) -> tuple[ClosedFormPlan, ...]:
         family = _find(screws)
         return () if family is None else (ClosedFormPlan(family, None, periodic),)
     found: list[ClosedFormPlan] = []
-    for joint in (2, 0, 1, 3, 4, 5, 6):
+    for joint in _by_self_motion(screws):
         family, other = (_find(lock(screws, joint, value)) for value in GENERIC)
         if family is not None and family == other:
             others = periodic[:joint] + periodic[joint + 1 :]
@@ -83,6 +83,25 @@ def closed_form_plans(screws: np.ndarray) -> tuple[ClosedFormPlan, ...]:
     if fits(SphericalShoulderAndWrist(), screws):
         found.append(ClosedFormPlan(SphericalShoulderAndWrist(), None, periodic))
     return tuple(found)
+
+
+def _by_self_motion(screws: np.ndarray) -> list[int]:
+    """The joints of an arm of seven, first those that turn most while the tool rests.
+
+    What a pose leaves free is spread over the values of these; a joint that the pose nearly fixes
+    has values at which nothing is found. Judged by where they hardly turn, at random postures.
+    """
+    moves = list[np.ndarray]()
+    for q in np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSTURES, len(screws))):
+        rest, columns = screws.astype(float), list[np.ndarray]()
+        for value in q:
+            columns.append(rest[0])
+            rest = lock(rest, 0, value)
+        moves.append(np.abs(np.linalg.svd(np.stack(columns, axis=1))[2][-1]))
+    return [int(joint) for joint in np.argsort(-np.quantile(moves, 0.25, axis=0), kind="stable")]
+
+
+_POSTURES = 64
 
 
 def _find(screws: np.ndarray) -> Family | None:

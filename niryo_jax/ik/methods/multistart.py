@@ -16,6 +16,7 @@ from niryo_jax.arguments import check_fits
 from niryo_jax.execution.padding import BLOCK, in_chunks
 from niryo_jax.ik.methods.newton_answer import answer_of_newton
 from niryo_jax.ik.newton.newton_raphson import NewtonResult, newton_raphson
+from niryo_jax.ik.representative import inside_limits
 from niryo_jax.ik.results.assemble import assemble
 from niryo_jax.ik.results.limits import limits_of, wrap_into_limits
 from niryo_jax.ik.results.ranking import Answer
@@ -110,7 +111,9 @@ def solve_multistart(
         far = jnp.where(beyond, UnreachableReason.TOO_FAR, answer.unreachable)
         return answer._replace(unreachable=far.astype(jnp.int32), proved=answer.proved | beyond)
 
-    return assemble(in_chunks(answers, target.pose), target, limits, periodic, task.name)
+    answer = assemble(in_chunks(answers, target.pose), target, limits, periodic, task.name)
+    spare = robot.joints > task.bound and task.name == POSE.name
+    return inside_limits(robot, pose, answer) if spare else answer
 
 
 def _longest_reach(

@@ -7,15 +7,18 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from niryo_jax._jax import is_concrete
 from niryo_jax.arguments import check_fits
-from niryo_jax.execution.padding import BLOCK, in_chunks
+from niryo_jax.execution.padding import BLOCK, in_chunks, program_size
 from niryo_jax.ik.methods.complete import solve_complete
+from niryo_jax.ik.methods.multistart import solve_multistart
+from niryo_jax.ik.representative import inside_limits
 from niryo_jax.ik.results.assemble import assemble
 from niryo_jax.ik.results.candidates import JointVectors
 from niryo_jax.ik.results.deduplicate import duplicates
 from niryo_jax.ik.results.limits import limits_of
 from niryo_jax.ik.results.ranking import Answer, rank
-from niryo_jax.ik.results.solutions import SLOTS, IKSolutions
+from niryo_jax.ik.results.solutions import SLOTS, IKSolutions, map_solutions
 from niryo_jax.ik.results.status import IKStatus, UnreachableReason
 from niryo_jax.ik.target import make_target
 from niryo_jax.lanes.batching import as_floating, check_shape
@@ -30,6 +33,10 @@ def solve_sampled(robot: Robot, pose: ArrayLike, samples: int = 16) -> IKSolutio
     returned are the 16 solutions farthest within the limits out of those at `samples` arm angles;
     of an arm without arm angle, at as many values of `robot.plans[0].locked`, spread evenly
     over its limits (one turn where it has none).
+
+    Where none of them is within the limits, others of the same curves stand for them that are
+    (`niryo_jax.ik.representative`), and where there are none, those of multi-start. The last is not
+    part of a caller's transformation.
 
     Args:
         robot: an arm of seven joints with plans.
@@ -86,7 +93,27 @@ def solve_sampled(robot: Robot, pose: ArrayLike, samples: int = 16) -> IKSolutio
         ranked = rank(vectors, limits, periodic, SLOTS)
         return Answer(ranked, reason.astype(jnp.int32), jnp.zeros_like(nowhere))
 
-    return assemble(in_chunks(answers, target.pose), target, limits, periodic)
+    answer = assemble(in_chunks(answers, target.pose), target, limits, periodic)
+    return _with_guesses(robot, pose, inside_limits(robot, pose, answer))
+
+
+def _with_guesses(robot: Robot, pose: jax.Array, answer: IKSolutions) -> IKSolutions:
+    """The answer, with that of multi-start for the poses that have none within the limits."""
+    if not is_concrete(pose, *jax.tree.leaves(robot)):
+        return answer
+    batch = answer.status.shape
+    left = np.isin(answer.status, (IKStatus.UNDECIDED, IKStatus.OUTSIDE_LIMITS)).reshape(-1)
+    rows = np.nonzero(left)[0]
+    if len(rows) == 0:
+        return answer
+    index = np.resize(rows, program_size(len(rows)))
+    flat = answer.map(lambda x: x.reshape(-1, *x.shape[len(batch) :]))
+    other = solve_multistart(robot, pose.reshape(-1, 4, 4)[index]).map(lambda x: x[: len(rows)])
+    undecided = flat.status[rows] == IKStatus.UNDECIDED
+    better = (other.status == IKStatus.SOLVED) | (undecided & (other.count > 0))
+    rows, chosen = rows[np.asarray(better)], np.nonzero(better)[0]
+    flat = map_solutions(lambda x, y: x.at[rows].set(y[chosen]), flat, other)
+    return flat.map(lambda x: x.reshape(*batch, *x.shape[1:]))
 
 
 def spare(robot: Robot) -> ClosedFormPlan | None:
