@@ -113,6 +113,10 @@ NARROWEST = ByDtype(1e-14, 1e-6)
 ON_AXIS_1 = ByDtype(1e-7, 1e-4)
 """The wrist point is on axis 1 where it is nearer than this share of its circle's radius."""
 
+AT_SHOULDER = ByDtype(1e-3, 3e-2)
+"""A wrist point on axis 1 is at the shoulder where it is nearer than this share of its circle's
+radius: what is on axis 1 to `ON_AXIS_1` is then too far aside for a direction to it."""
+
 SQUARE_ROOT_END = 1e-4
 """Where the condition is farther than this from zero, an interval too narrow to halve holds no
 root: even at a square-root end of the curve it varies by less."""

@@ -146,6 +146,26 @@ def test_a_folded_arm_with_a_large_wrist_offset_is_not_called_unreachable(upper_
     assert np.all(made_by | endless | ~np.asarray(answer.complete))
 
 
+@pytest.mark.parametrize("bend", [0.0, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-3])
+def test_a_wrist_next_to_the_shoulder_spoils_no_proof(bend):
+    # Links of equal length, an oblique axis 5: folded, the wrist all but meets the shoulder.
+    axes = [[0, 0, 1], [0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 1, 1], [0, 0, 1]]
+    points = [[0, 0, 0], [0, 0, 0.3], [0, 0, 0.7], [0, 0, 1.1], [0, 0, 1.1], [0.05, 0, 1.1]]
+    robot = offset_arm(axes, points, place(0.05, 0, 1.2))
+    rng = np.random.default_rng(8)
+    turns = rng.integers(-4, 5, (96, 6)) * math.pi / 4
+    q = np.concatenate([turns, rng.uniform(-math.pi, math.pi, (96, 6))])
+    q[:, 2] = math.pi - bend
+    answer = nj.inverse_kinematics(robot, nj.forward_kinematics(robot, q))
+    assert not np.any(answer.status == nj.IKStatus.UNREACHABLE)
+    found = np.asarray(answer.found)
+    apart = np.abs((np.asarray(answer.q) - q[:, None] + np.pi) % (2 * np.pi) - np.pi)
+    made_by = np.any(np.all(apart < 1e-3, axis=-1) & found, axis=-1)
+    endless = np.any((np.asarray(answer.singularity) != 0) & found, axis=-1)
+    assert np.all(made_by | endless | ~np.asarray(answer.complete))
+    assert bend < 1e-7 or np.mean(made_by | endless) > 0.9
+
+
 def test_the_judge_of_honesty_sees_what_is_false():
     robot = nj.robots.abb_irb120()
 

@@ -34,7 +34,7 @@ from niryo_jax.ik.offset_wrist.subdivision import (
 from niryo_jax.ik.offset_wrist.wrist_circle import WristCircle, reason_out_of_reach, wrist_circle
 from niryo_jax.ik.results.candidates import Candidates, JointVectors, in_slots
 from niryo_jax.ik.results.deduplicate import distinct, duplicates
-from niryo_jax.ik.results.limits import Limits
+from niryo_jax.ik.results.limits import Limits, without_whole_turns
 from niryo_jax.ik.results.ranking import Answer, rank
 from niryo_jax.ik.results.status import Singularity, UnreachableReason
 from niryo_jax.lanes import RecordRows
@@ -44,6 +44,7 @@ from niryo_jax.tolerances import IK_POLISH, IK_POSITION
 _AT_ONCE = 2048
 _FEW = 12
 _NEARLY = 100.0
+_AWAY = 1e-2
 
 
 def by_subdivision(
@@ -62,6 +63,7 @@ def by_subdivision(
     roots = find_roots(arm, circles, live & (unreachable == UnreachableReason.NONE))
     periodic = (True,) * geometry.joints
     solved = _joint_vectors(geometry, arm, circles, target, roots)
+    before = solved.q
     solved = polished(geometry, target, solved, roots.pose, periodic)
     real = roots.pose < rows
     # A crossing's roots are met many times over; where two of them merge, only the best are alike.
@@ -77,6 +79,9 @@ def by_subdivision(
     near = within_tolerance(*solved.errors, _NEARLY)
     sure = (roots.kind == BRACKET) | endless
     lost = real & ~good & (sure | ((roots.kind == TOUCHING) & near))
+    # With the wrist near the shoulder, but not at it, what is found from there is somewhere else.
+    away = jnp.max(jnp.abs(without_whole_turns(solved.q - before, periodic)), axis=-1) > _AWAY
+    lost = lost | (real & away & (roots.kind == FOLDED))
 
     def different(size: int) -> tuple[jax.Array, jax.Array]:
         owner = jnp.where(good, roots.pose, rows)[:size]

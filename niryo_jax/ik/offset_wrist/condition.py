@@ -37,12 +37,17 @@ def branch_signs(branch: jax.Array, dtype: jax.typing.DTypeLike) -> tuple[Lane, 
 
 
 def at(
-    arm: OffsetWristParameters, circle: WristCircle, signs: tuple[Lane, Lane], t: jax.Array
+    arm: OffsetWristParameters,
+    circle: WristCircle,
+    signs: tuple[Lane, Lane],
+    t: jax.Array,
+    near_shoulder: bool = False,
 ) -> Point:
-    """The condition at t, on the branch of the signs of elbow and shoulder."""
+    """The condition at t, on the branch of the signs of elbow and shoulder; `near_shoulder` as of
+    `posture`: nothing is proved there by the scan."""
     sin, cos = lanes.sincos(Lane(t))
     sin_cos = lanes.materialise(sin), lanes.materialise(cos)
-    found = posture(arm, circle, sin_cos, *signs)
+    found = posture(arm, circle, sin_cos, *signs, near_shoulder)
     return Point(lanes.materialise(found.dot - arm.wrist_angle).array, found, sin_cos)
 
 

@@ -77,6 +77,7 @@ def posture(
     t: tuple[Lane, Lane],
     elbow: Lane | float,
     shoulder: Lane | float,
+    near_shoulder: bool = False,
 ) -> Posture:
     """The arm at a point of the curve.
 
@@ -86,8 +87,9 @@ def posture(
         t: sine and cosine of t.
         elbow: 1 or -1: the sign of E, or where the circle is `inner` that of u.
         shoulder: 1 or -1: the sign of the reach along P2.
+        near_shoulder: whether the wrist may be so near the shoulder that rounding tells.
     """
-    return _posture(arm, circle, *_on_circle(circle, t, elbow), shoulder)
+    return _posture(arm, circle, *_on_circle(circle, t, elbow), shoulder, near_shoulder)
 
 
 def _on_circle(
@@ -140,11 +142,11 @@ def posture_or_crossing(
     dtype = bent[0].array.dtype
     cos, sin = (Lane(jnp.array(values, dtype)[:, None]) for values in ([0, 1, 0], [0, 0, 1]))
     every = _Fixed(np.bool_(True), lanes.lanes_of([cos, sin]), folded)
-    three = _posture(arm, circle, bent, u, sign, every)
+    three = _posture(arm, circle, bent, u, sign, True, every)
     constant, along_x, along_y = map(Lane, lanes.materialise(three.dot - arm.wrist_angle).array)
     scale = 1.0 + abs(constant) + abs(along_x) + abs(along_y)
     root, _ = sinusoid_root(along_x - constant, along_y - constant, constant, sign, scale)
-    return _posture(arm, circle, bent, u, sign, _Fixed(crossing, root, folded))
+    return _posture(arm, circle, bent, u, sign, True, _Fixed(crossing, root, folded))
 
 
 class _Fixed(NamedTuple):
@@ -161,6 +163,7 @@ def _posture(
     elbow: Lanes,
     u: Lanes,
     shoulder: Lane | float,
+    near_shoulder: bool,
     fixed: _Fixed | None = None,
 ) -> Posture:
     """The arm at an elbow angle and an angle on the circle."""
@@ -183,7 +186,13 @@ def _posture(
     reach = np.array([v, h], dtype=object)
     a, b = arm.upper_arm, arm.forearm
     ahead, aside = a * elbow[0] + b, a * elbow[1]
-    per = lanes.materialise(1.0 / lanes.maximum(v * v + h * h, _TINY))
+    away = lanes.maximum(v * v + h * h, _TINY)
+    if near_shoulder:
+        # Both are the distance from shoulder to wrist. Where links of equal length are folded the
+        # elbow tells it to half of the digits, and the forearm would be no unit vector.
+        bent = lanes.maximum(ahead * ahead + aside * aside, _TINY)
+        away = lanes.sqrt(away) * lanes.sqrt(bent)
+    per = lanes.materialise(1.0 / away)
     forearm = np.array([(ahead * v - aside * h) * per, (ahead * h + aside * v) * per], dtype=object)
     if fixed is not None:
         along = lanes.lanes_of([Lane(jnp.array(x, v.array.dtype)) for x in (0.0, 1.0)])

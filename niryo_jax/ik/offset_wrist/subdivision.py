@@ -23,6 +23,7 @@ from niryo_jax.ik.offset_wrist.remainder_bound import pose_rounding, proves, rem
 from niryo_jax.ik.offset_wrist.wrist_circle import WristCircle
 from niryo_jax.lanes import Lane, RecordRows
 from niryo_jax.tolerances import (
+    AT_SHOULDER,
     CONDITION_ROUNDING,
     NARROWEST,
     ON_AXIS_1,
@@ -127,7 +128,7 @@ def posture_of(arm: OffsetWristParameters, circle: WristCircle, intervals: jax.A
     signs = condition.branch_signs(code % 4, intervals.dtype)
     t = _refine(arm, circle, signs, kind == BRACKET, intervals)
     if not arm.is_planar:
-        return condition.at(arm, circle, signs, t).posture.materialised()
+        return condition.at(arm, circle, signs, t, near_shoulder=True).posture.materialised()
     sin, cos = lanes.sincos(Lane(t))
     sin_cos = lanes.materialise(sin), lanes.materialise(cos)
     folded = kind == FOLDED
@@ -181,7 +182,7 @@ def _step(
     given_up = _given_up(spent[row], state.held[row])
     middle, reach = 0.5 * (low + high), 0.5 * (high - low)
     circle = circles[pose.astype(jnp.int32)]
-    f_middle, found, t = condition.at(arm, circle, signs, middle)
+    f_middle, found, t = condition.at(arm, circle, signs, middle, near_shoulder=True)
     remainder = lanes.materialise(
         remainder_bound(arm, circle, found, t, Lane(reach)), by=Lane(f_middle)
     ).array
@@ -194,7 +195,7 @@ def _step(
         distance = lanes.materialise(found.from_axis_1 + arm.radius * 2.0 * reach)
         near = ON_AXIS_1.of(dtype) * arm.radius
         crossing = jnp.asarray(distance < near)
-        folded = crossing & jnp.asarray(abs(found.reach[0]) < near)
+        folded = crossing & jnp.asarray(abs(found.reach[0]) < AT_SHOULDER.of(dtype) * arm.radius)
 
     halves, certain, roots = list[jax.Array](), list[jax.Array](), list[jax.Array]()
     for a, b, f_a, f_b in ((low, middle, f_low, f_middle), (middle, high, f_middle, f_high)):
@@ -262,7 +263,7 @@ def _refine(
         # At rounding level the weights would throw a converged root back towards the other end.
         stay = (slope == 0) | (jnp.abs(f_b) < 0.25 * rounding)
         c = jnp.where(stay, b, b - f_b * (b - a) / jnp.where(stay, 1.0, slope))
-        f_c = condition.at(arm, circle, signs, c).f
+        f_c = condition.at(arm, circle, signs, c, near_shoulder=True).f
         same = (f_c > 0) == (f_b > 0)
         weight = 1.0 - f_c / jnp.where(f_b == 0, 1.0, f_b)
         weight = jnp.where(weight > 0, weight, 0.5)
