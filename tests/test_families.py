@@ -261,8 +261,7 @@ class TestSevenJoints:
         robot = nj.robots.load("kuka_iiwa14")
         q = rng.uniform(robot.lower, robot.upper, (POSES, 7))
         poses = poses_of(robot, q)
-        first, *others, last = (plan.locked for plan in robot.plans)
-        assert (first, sorted(others), last) == (2, [0, 1, 4, 5, 6], None)
+        assert [plan.locked for plan in robot.plans] == [2, 4, 6, 0, 1, 5, None]
         for joint in (0, 5):
             answer = nj.inverse_kinematics(robot, poses, locked=(joint, q[:, joint]))
             assert np.all(np.asarray(answer.complete))

@@ -17,15 +17,13 @@ from support import product_of_exponentials, random_robot
 import niryo_jax as nj
 from niryo_jax.ik import IKStatus
 from niryo_jax.ik.complete.general_arm import are_proved, solve_general_arm
-from niryo_jax.ik.general.isolation import UNBOUNDED, Effort, Roots, isolated
+from niryo_jax.ik.general.isolation import FAR, UNBOUNDED, Roots, isolated
 from niryo_jax.ik.general.polynomial import Polynomial
 from niryo_jax.ik.methods.multistart import solve_multistart
 from niryo_jax.specialise import traced_geometry
 from niryo_jax.structure import closure
 
 POSES = 256  # one shape, so one program, for most tests
-
-EFFORT = Effort(2000, 1e-8, 1e-3, 1e-4)
 
 
 def posed(robot, q):
@@ -226,7 +224,7 @@ def product(roots):
 @jax.jit
 def roots_of(coefficients):
     noise = jnp.full(coefficients.shape[1], 1e-16)
-    return isolated(Polynomial(coefficients, noise), EFFORT)
+    return isolated(Polynomial(coefficients, noise), FAR)
 
 
 ROWS = 4

@@ -17,7 +17,7 @@ from matplotlib import pyplot as plt
 
 import niryo_jax as nj
 from niryo_jax import lanes
-from niryo_jax.ik.general.isolation import Effort, isolated
+from niryo_jax.ik.general.isolation import FAR, isolated
 from niryo_jax.ik.general.polynomial import DEGREE, equations_of, polynomial
 from niryo_jax.structure.closure import closure_numbers, eliminations
 
@@ -41,7 +41,7 @@ def draw(axes: plt.Axes, robot: nj.Robot, pose: np.ndarray, what: str) -> None:
     goal = lanes.unpack(jnp.asarray(pose)[None], 2)
     home = lanes.unpack(jnp.asarray(robot.home), 2)
     g = polynomial(numbers, equations_of(numbers, goal, home, 1))
-    roots = isolated(g, Effort(2000, 1e-8, 1e-3, 1e-4))
+    roots = isolated(g, FAR)
     c = np.asarray(g.coefficients)[:, 0]
 
     def value(t: np.ndarray) -> np.ndarray:

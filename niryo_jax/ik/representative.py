@@ -60,7 +60,7 @@ def within_limits(
     return _replaced(robot, pose, answer, _endless_outside(answer), None, held)
 
 
-def inside_limits(robot: Robot, pose: jax.Array, answer: IKSolutions) -> IKSolutions:
+def within_limits_along_curves(robot: Robot, pose: jax.Array, answer: IKSolutions) -> IKSolutions:
     """The answer of an arm with joints to spare: where none of its solutions is within the limits,
     others of the same curves stand for them that are, if there are any.
 

@@ -30,6 +30,8 @@ from niryo_jax.structure.offset_wrist import (
 )
 from niryo_jax.tolerances import AXES_MEET
 
+_POSTURES = 64
+
 
 class Structure(NamedTuple):
     """What is known of an arm from how its axes lie.
@@ -74,15 +76,16 @@ def closed_form_plans(screws: np.ndarray) -> tuple[ClosedFormPlan, ...]:
     if len(screws) != 7:
         family = _find(screws)
         return () if family is None else (ClosedFormPlan(family, None, periodic),)
-    found: list[ClosedFormPlan] = []
-    for joint in _by_self_motion(screws):
+    found = dict[int, ClosedFormPlan]()
+    for joint in range(7):
         family, other = (_find(lock(screws, joint, value)) for value in GENERIC)
         if family is not None and family == other:
             others = periodic[:joint] + periodic[joint + 1 :]
-            found.append(ClosedFormPlan(family, joint, others, periodic[joint]))
+            found[joint] = ClosedFormPlan(family, joint, others, periodic[joint])
+    plans = [found[joint] for joint in _by_self_motion(screws) if joint in found] if found else []
     if fits(SphericalShoulderAndWrist(), screws):
-        found.append(ClosedFormPlan(SphericalShoulderAndWrist(), None, periodic))
-    return tuple(found)
+        plans.append(ClosedFormPlan(SphericalShoulderAndWrist(), None, periodic))
+    return tuple(plans)
 
 
 def _by_self_motion(screws: np.ndarray) -> list[int]:
@@ -98,10 +101,7 @@ def _by_self_motion(screws: np.ndarray) -> list[int]:
             columns.append(rest[0])
             rest = lock(rest, 0, value)
         moves.append(np.abs(np.linalg.svd(np.stack(columns, axis=1))[2][-1]))
-    return [int(joint) for joint in np.argsort(-np.quantile(moves, 0.25, axis=0), kind="stable")]
-
-
-_POSTURES = 64
+    return np.argsort(-np.quantile(moves, 0.25, axis=0), kind="stable").tolist()
 
 
 def _find(screws: np.ndarray) -> Family | None:

@@ -17,7 +17,7 @@ from niryo_jax import lanes
 from niryo_jax.execution.compaction import at_once, for_each_chunk
 from niryo_jax.execution.padding import is_small
 from niryo_jax.ik.complete.polish import MOST
-from niryo_jax.ik.general.isolation import Effort, Roots, isolated
+from niryo_jax.ik.general.isolation import A_LITTLE, FAR, Effort, Roots, isolated
 from niryo_jax.ik.general.polynomial import equations_of, polynomial
 from niryo_jax.ik.general.recovery import joint_vectors
 from niryo_jax.ik.newton import rolled
@@ -34,8 +34,6 @@ from niryo_jax.structure.closure import unflattened
 from niryo_jax.tolerances import DEPENDENT_ROW, IK_POLISH
 
 _PART = 64
-_FIRST = Effort(200, 3e-3, 3e-3, 3e-3)
-_LAST = Effort(2000, 1e-8, 1e-3, 1e-4)
 _STEPS, _MORE_STEPS = 5, 20
 _LARGEST_STEP = 0.3
 _ROOTS_OF_A_POSE = 4
@@ -76,7 +74,7 @@ def solve_general_arm(
     def by_one_way(turn: jax.Array, found: _Found) -> _Found:
         first = turn == 0
         way = numbers[turn % len(numbers)]
-        effort = Effort(*(jnp.where(first, a, b) for a, b in zip(_FIRST, _LAST)))
+        effort = Effort(*(jnp.where(first, a, b) for a, b in zip(A_LITTLE, FAR)))
         steps = jnp.where(first, _STEPS, _MORE_STEPS)
 
         def solve(found: _Found, at: jax.Array, its: jax.Array) -> _Found:

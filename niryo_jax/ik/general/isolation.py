@@ -11,9 +11,7 @@ they are all. The arcs of all polynomials wait on one stack, of which every step
 
 from __future__ import annotations
 
-import functools
 import math
-import operator
 from typing import NamedTuple
 
 import jax
@@ -34,7 +32,6 @@ _REFINEMENTS = 7
 _MOST = 40
 _DEEPEST = 28
 _NARROWEST = 2 * np.pi / _ARCS / 2 ** (_DEEPEST - 2)
-
 
 _MIDDLE, _ROOT, _LOWER, _UPPER = range(4)
 """Where to begin on an arc: its middle, its root, and either root of two."""
@@ -77,6 +74,10 @@ class Effort(NamedTuple):
     narrowest: jax.Array | float
     hidden: jax.Array | float
     pair: jax.Array | float
+
+
+A_LITTLE = Effort(share=200, narrowest=3e-3, hidden=3e-3, pair=3e-3)
+FAR = Effort(share=2000, narrowest=1e-8, hidden=1e-3, pair=1e-4)
 
 
 class _State(NamedTuple):
@@ -174,7 +175,7 @@ def _step(margin: jax.Array, width: int, effort: Effort, state: _State) -> _Stat
     narrowest = jnp.where(own, effort.narrowest, effort.hidden)
     narrow = middle - low < jnp.maximum(narrowest, _NARROWEST)
     given_up = (spent[owner] > effort.share) | narrow | crowded
-    open_still = functools.reduce(operator.or_, (its > 1 for its, _ in judged))
+    open_still = (judged[0][0] > 1) | (judged[1][0] > 1)
     pair = (most == 2) & open_still & (~own | given_up | (middle - low < effort.pair))
     parts = list[jax.Array](), list[jax.Array](), list[jax.Array](), list[jax.Array]()
     for (form, a, b), (its, flat), begin in zip(halves, judged, (_LOWER, _UPPER)):

@@ -16,7 +16,7 @@ from niryo_jax.arguments import check_fits
 from niryo_jax.execution.padding import BLOCK, in_chunks
 from niryo_jax.ik.methods.newton_answer import answer_of_newton
 from niryo_jax.ik.newton.newton_raphson import NewtonResult, newton_raphson
-from niryo_jax.ik.representative import inside_limits
+from niryo_jax.ik.representative import within_limits_along_curves
 from niryo_jax.ik.results.assemble import assemble
 from niryo_jax.ik.results.limits import limits_of, wrap_into_limits
 from niryo_jax.ik.results.ranking import Answer
@@ -113,7 +113,7 @@ def solve_multistart(
 
     answer = assemble(in_chunks(answers, target.pose), target, limits, periodic, task.name)
     spare = robot.joints > task.bound and task.name == POSE.name
-    return inside_limits(robot, pose, answer) if spare else answer
+    return within_limits_along_curves(robot, pose, answer) if spare else answer
 
 
 def _longest_reach(

@@ -12,7 +12,7 @@ from niryo_jax.arguments import check_fits
 from niryo_jax.execution.padding import BLOCK, in_chunks, program_size
 from niryo_jax.ik.methods.complete import solve_complete
 from niryo_jax.ik.methods.multistart import solve_multistart
-from niryo_jax.ik.representative import inside_limits
+from niryo_jax.ik.representative import within_limits_along_curves
 from niryo_jax.ik.results.assemble import assemble
 from niryo_jax.ik.results.candidates import JointVectors
 from niryo_jax.ik.results.deduplicate import duplicates
@@ -94,7 +94,7 @@ def solve_sampled(robot: Robot, pose: ArrayLike, samples: int = 16) -> IKSolutio
         return Answer(ranked, reason.astype(jnp.int32), jnp.zeros_like(nowhere))
 
     answer = assemble(in_chunks(answers, target.pose), target, limits, periodic)
-    return _with_guesses(robot, pose, inside_limits(robot, pose, answer))
+    return _with_guesses(robot, pose, within_limits_along_curves(robot, pose, answer))
 
 
 def _with_guesses(robot: Robot, pose: jax.Array, answer: IKSolutions) -> IKSolutions:
