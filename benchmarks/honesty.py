@@ -1,14 +1,15 @@
 """Whether what is said of a pose is true: no false proof, nothing spurious, at singularities too.
 
-    python -m benchmarks.honesty [--poses 200] [--variants 2] [--arms FILE] [--save]
+    python -m benchmarks.honesty [--poses 200] [--variants 2] [--random 200] [--arms FILE] [--save]
 
 Poses are made by forward kinematics, so each has a solution that is known: a quarter with joints at
 multiples of 45 degrees, where axes align and arms stretch. The arms are those that are shipped, as
 they are and with errors of 1e-9 to 1e-2 in every axis, of numpy and of jax arrays, called as they
-are and inside of `jax.jit`; and those of a JSON file {"arms": {name: {"screws", "home", "lower",
-"upper"}}}. A pose that is called unreachable, an answer called complete without the joint vector
-that made the pose (or, at a singularity, without any), and a joint vector that misses its pose by
-more than it says make it fail.
+are and inside of `jax.jit`; as many at random as asked for, of all families, handed over in as many
+ways, of which a quarter of the poses are at singularities that are searched for; and those of a
+JSON file {"arms": {name: {"screws", "home", "lower", "upper"}}}. A pose that is called unreachable,
+an answer called complete without the joint vector that made the pose (or, at a singularity, without
+any), and a joint vector that misses its pose by more than it says make it fail.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import niryo_jax as nj
-from benchmarks import reference
+from benchmarks import random_arms, reference
 from benchmarks.measure import Report, about, header, table
 
 ERRORS = 1e-9, 1e-6, 1e-4, 1e-2
@@ -51,6 +52,8 @@ class Case:
     kind: str
     robot: nj.Robot
     jitted: bool = False
+    searched: bool = False
+    """Whether singular postures are searched for, where multiples of 45 degrees are none."""
 
     def solve(self, pose: np.ndarray) -> nj.IKSolutions:
         """All solutions of the poses."""
@@ -93,6 +96,33 @@ def cases(names: tuple[str, ...], variants: int) -> Iterator[Case]:
                 yield Case(f"off by {size:g}, jit", stale, jitted=True)
 
 
+def at_random(count: int) -> Iterator[Case]:
+    """Random arms of all families in turn, as they are and changed, handed over in three ways."""
+    names = list(random_arms.FAMILIES | random_arms.OTHERS)
+    for seed in range(count):
+        name, rounds = names[seed % len(names)], seed // len(names)
+        rng = np.random.default_rng(seed)
+        robot = random_arms.arm(name, rng)
+        # Limits as arms have them, in which a part of the solutions lies.
+        turns = np.any(np.asarray(robot.screws)[:, :3], axis=1)
+        middle, half = rng.uniform(-1, 1, robot.joints), rng.uniform(1.5, 3.1, robot.joints)
+        lower, upper = (np.where(turns, middle + x, x / np.pi) for x in (-half, half))
+        robot = dataclasses.replace(robot, lower=lower, upper=upper)
+        kind = f"at random, {robot.joints} joints"
+        size = (0.0, *ERRORS)[(seed + rounds) % (len(ERRORS) + 1)]
+        way = ("numpy", "jax", "jit")[(seed + 2 * rounds) % 3]
+        if way == "numpy":
+            screws = off(robot, size, rng) if size else robot.screws
+            yield Case(kind, dataclasses.replace(robot, screws=screws), searched=True)
+            continue
+        as_jax = jax.tree.map(jnp.asarray, robot)
+        moved = dataclasses.replace(as_jax, screws=jnp.asarray(off(robot, size, rng)))
+        if way == "jit":
+            leaves = [moved.screws, moved.home, moved.lower, moved.upper]
+            moved = jax.tree.unflatten(jax.tree.structure(as_jax), leaves)
+        yield Case(f"{kind}, {way}", moved, way == "jit", searched=True)
+
+
 def from_file(path: Path) -> Iterator[Case]:
     """The arms of a file."""
     for name, arm in json.loads(path.read_text())["arms"].items():
@@ -106,14 +136,18 @@ def from_file(path: Path) -> Iterator[Case]:
         yield Case(f"{robot.joints} joints of a file", robot)
 
 
-def joint_vectors(robot: nj.Robot, poses: int, rng: np.random.Generator) -> np.ndarray:
-    """(poses, n) within the limits, a quarter of them with all turns at multiples of 45 degrees."""
+def joint_vectors(case: Case, poses: int, rng: np.random.Generator) -> np.ndarray:
+    """(poses, n) within the limits, a quarter of them singular or at multiples of 45 degrees."""
+    robot = case.robot
     low, high = (
         np.nan_to_num(np.asarray(x), neginf=-np.pi, posinf=np.pi)
         for x in (robot.lower, robot.upper)
     )
     q = rng.uniform(low, high, (poses, robot.joints))
     few = poses // 4
+    if case.searched:
+        q[:few] = _most_singular(_in_numpy(robot), q[:few], low, high, rng)
+        return q
     turns = np.any(np.asarray(robot.screws)[:, :3], axis=1)
     step = np.pi / 4
     steps = rng.integers(np.ceil(low / step), np.floor(high / step) + 1, (few, robot.joints))
@@ -121,10 +155,37 @@ def joint_vectors(robot: nj.Robot, poses: int, rng: np.random.Generator) -> np.n
     return np.clip(q, low, high)
 
 
+def _most_singular(
+    robot: nj.Robot, q: np.ndarray, low: np.ndarray, high: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """The postures (m, n) nearest to singular that moving a few joints, one at a time, leads to."""
+    rows = np.arange(len(q))
+
+    def smallest(joint: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """(m, k) singular values where a joint (m,) of each posture has values (m, k)."""
+        tried = np.repeat(q[:, None], values.shape[1], axis=1)
+        tried[rows, :, joint] = values
+        jacobian = reference.space_jacobian(robot, tried.reshape(-1, robot.joints))
+        return np.linalg.svd(jacobian, compute_uv=False)[:, -1].reshape(values.shape)
+
+    for _ in range(4):
+        joint = rng.integers(0, robot.joints, len(q))
+        left, right = low[joint], high[joint]
+        # A grid about the least value so far, finer each time.
+        for points in (65, *[9] * 26):
+            values = left[:, None] + (right - left)[:, None] * np.linspace(0, 1, points)
+            best = values[rows, smallest(joint, values).argmin(axis=1)]
+            reach = (right - left) / (points - 1)
+            left = np.maximum(best - reach, low[joint])
+            right = np.minimum(best + reach, high[joint])
+        q[rows, joint] = best
+    return q
+
+
 def judged(case: Case, poses: int, seed: int) -> dict[str, Any]:
     """Counts of what was said of the poses."""
     robot = case.robot
-    q = joint_vectors(robot, poses, np.random.default_rng(seed))
+    q = joint_vectors(case, poses, np.random.default_rng(seed))
     pose = reference.forward_kinematics(_in_numpy(robot), q)
     answer = jax.block_until_ready(case.solve(pose))
     found, complete = np.asarray(answer.found), np.asarray(answer.complete)
@@ -195,13 +256,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--poses", type=int, default=200)
     parser.add_argument("--variants", type=int, default=2)
+    parser.add_argument("--random", type=int, default=200, help="how many random arms")
     parser.add_argument("--arms", type=Path, help="a JSON file of further arms")
     parser.add_argument("--only", nargs="*", help="of these shipped arms alone")
     parser.add_argument("--save", action="store_true", help="write to benchmarks/results/")
     options = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     names = nj.robots.names() if options.only is None else tuple(options.only)
-    todo = list(cases(names, options.variants))
+    todo = [*cases(names, options.variants), *at_random(options.random)]
     if options.arms is not None:
         todo += from_file(options.arms)
     return measure(todo, options.poses).finish("honesty" if options.save else None)

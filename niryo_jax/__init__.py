@@ -11,10 +11,12 @@ from niryo_jax import motion, robots, subproblems
 from niryo_jax.chain import forward_kinematics, link_poses
 from niryo_jax.differential import joint_rates, tool_velocity
 from niryo_jax.ik import (
+    CurveEnd,
     IKSolutions,
     IKStatus,
     NewtonResult,
     Singularity,
+    SolutionCurves,
     UnreachableReason,
     arm_angle,
     follow,
@@ -38,11 +40,13 @@ if TYPE_CHECKING:
     from niryo_jax import workspace
 
 __all__ = [
+    "CurveEnd",
     "IKSolutions",
     "IKStatus",
     "NewtonResult",
     "Robot",
     "Singularity",
+    "SolutionCurves",
     "UnreachableReason",
     "arm_angle",
     "autodiff_space_jacobian",

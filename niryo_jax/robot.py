@@ -28,6 +28,7 @@ from niryo_jax.arguments import (
 )
 from niryo_jax.structure import axes, classify
 from niryo_jax.structure.classify import Structure, structure_of
+from niryo_jax.structure.closure import ByClosure
 from niryo_jax.structure.families import ClosedFormPlan
 from niryo_jax.structure.offset_wrist import KnownNumbers
 
@@ -121,9 +122,26 @@ class Robot:
         return self._structure.plans
 
     @property
+    def ends(self) -> tuple[ByClosure, ...]:
+        """How an arm of seven joints is solved where the first or the last has a given value."""
+        return tuple(way for way in self._structure.general if way.locked is not None)
+
+    @property
+    def spare(self) -> ClosedFormPlan | ByClosure | None:
+        """How an arm with a joint to spare is solved for one way to spend it; None of others.
+
+        By the arm angle if it has one: whatever the arm can reach it reaches with any, but not with
+        any value of a joint.
+        """
+        plans = [plan for plan in self.plans if plan.locked is not None or plan.by_arm_angle]
+        if plans:
+            return max(plans, key=lambda plan: plan.by_arm_angle)
+        return next(iter(self.ends), None)
+
+    @property
     def is_general(self) -> bool:
         """Whether the arm has six revolute joints and is of no kind that is solved otherwise."""
-        return self._structure.general
+        return ByClosure() in self._structure.general
 
     @property
     def joints(self) -> int:

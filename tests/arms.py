@@ -3,82 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from support import random_poses, unit_vectors
 
 import niryo_jax as nj
+from benchmarks.random_arms import FAMILIES, arm
 
-
-def _axis(rng: np.random.Generator, direction: np.ndarray, point: np.ndarray) -> np.ndarray:
-    return np.concatenate([direction, np.cross(point, direction)])
-
-
-def _slide(direction: np.ndarray) -> np.ndarray:
-    return np.concatenate([np.zeros(3), direction])
-
-
-class _Maker:
-    """Joints that share a direction or a point, in the shorthand of `FAMILIES`.
-
-    R a revolute joint anywhere, P a prismatic one; p a revolute joint parallel to a common
-    direction, q one that points the other way; m a revolute joint through a common point; w one
-    through another; s a prismatic joint at right angles to the common direction, a one along it.
-    """
-
-    def __init__(self, rng: np.random.Generator) -> None:
-        self.rng = rng
-        self.direction = unit_vectors(rng)
-        self.shared = {"m": rng.standard_normal(3), "w": rng.standard_normal(3)}
-
-    def joint(self, letter: str) -> np.ndarray:
-        rng, common = self.rng, self.direction
-        if letter in "mw":
-            return _axis(rng, unit_vectors(rng), self.shared[letter])
-        if letter in "Rpq":
-            direction = {"R": unit_vectors(rng), "p": common, "q": -common}[letter]
-            return _axis(rng, direction, rng.standard_normal(3))
-        across = np.cross(common, unit_vectors(rng))
-        across = across / np.linalg.norm(across)
-        return _slide({"P": unit_vectors(rng), "s": across, "a": common}[letter])
-
-
-FAMILIES = {
-    "shoulder with parallel axes 2 and 3": "Rpqwww",
-    "shoulder with parallel axes 1 and 2": "ppRwww",
-    "shoulder with axes 2 and 3 that meet": "Rmmwww",
-    "shoulder with axes 1 and 2 that meet": "mmRwww",
-    "shoulder in general position": "RRRwww",
-    "spherical base, shoulder in general position": "wwwRRR",
-    "gantry": "Ppqwww",
-    "slide before axes that meet": "Pmmwww",
-    "slide behind parallel axes": "ppPwww",
-    "slide behind axes that meet": "mmPwww",
-    "cylindrical": "RPPwww",
-    "two slides first": "PPRwww",
-    "three slides": "PPPwww",
-    "slide across axis 2": "Rpswww",
-    "slide across axis 3": "Rspwww",
-    "slides about an axis": "Ppswww",
-    "three parallel axes": "Rpqpww",
-    "three parallel axes behind a slide": "Pppqww",
-    "three parallel axes, from the other end": "wwppqR",
-    "SCARA": "ppaq",
-    "slide first": "appp",
-    "two turns and two slides": "RPRP",
-    "cylindrical with a roll": "RPPR",
-    "planar arm on a base, with a roll": "RpqpR",
-    "planar arm on a base": "Rppq",
-    "planar arm with a roll": "pqpR",
-    "two parallel axes between others": "RpqR",
-    "three joints, the last two parallel": "Rpq",
-    "three joints, the first two parallel": "ppR",
-}
-
-
-def arm(name: str, rng: np.random.Generator) -> nj.Robot:
-    """A random arm of a family."""
-    maker = _Maker(rng)
-    screws = np.stack([maker.joint(letter) for letter in FAMILIES[name]])
-    return nj.Robot.from_screws(screws, random_poses(rng), name=name)
+__all__ = "FAMILIES", "apart", "arm", "forward", "joint_vectors", "search", "turns"
 
 
 def joint_vectors(robot: nj.Robot, count: int, rng: np.random.Generator) -> np.ndarray:

@@ -6,12 +6,14 @@ from niryo_jax.ik.methods.seeded import BranchStatus, SeededBranches, seeded_bra
 from niryo_jax.ik.newton.newton_raphson import NewtonResult, newton_raphson
 from niryo_jax.ik.paths.follow import JointPath, follow
 from niryo_jax.ik.paths.nearest_reachable import nearest_reachable
+from niryo_jax.ik.results.curves import CurveEnd, SolutionCurves
 from niryo_jax.ik.results.limits import wrap_into_limits
 from niryo_jax.ik.results.solutions import IKSolutions
 from niryo_jax.ik.results.status import IKStatus, Singularity, UnreachableReason
 
 __all__ = [
     "BranchStatus",
+    "CurveEnd",
     "IKSolutions",
     "IKStatus",
     "JointPath",
@@ -19,6 +21,7 @@ __all__ = [
     "NewtonResult",
     "SeededBranches",
     "Singularity",
+    "SolutionCurves",
     "UnreachableReason",
     "arm_angle",
     "follow",

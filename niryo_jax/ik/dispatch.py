@@ -4,23 +4,50 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Literal
+from typing import Literal, get_args, overload
 
 from jax.typing import ArrayLike
 
 from niryo_jax.arguments import check_choice, check_number
 from niryo_jax.ik.methods.complete import Locked, solve_complete
 from niryo_jax.ik.methods.continuation import solve_by_continuation
+from niryo_jax.ik.methods.curves import STEP, solve_curves
 from niryo_jax.ik.methods.multistart import solve_multistart
 from niryo_jax.ik.methods.partial import solve_partial
-from niryo_jax.ik.methods.sampled import solve_sampled, spare
+from niryo_jax.ik.methods.sampled import solve_sampled
 from niryo_jax.ik.methods.seeded import solve_seeded
+from niryo_jax.ik.results.curves import SolutionCurves
 from niryo_jax.ik.results.solutions import IKSolutions
 from niryo_jax.ik.task import TaskName, task_of
 from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.tolerances import ANSWERED
 
 Method = Literal["complete", "continuation", "multistart", "sampled", "seeded"]
+
+
+Redundancy = Literal["points", "curves"]
+
+
+@overload
+def inverse_kinematics(
+    robot: Robot,
+    pose: ArrayLike,
+    method: Method | None = None,
+    *,
+    locked: Locked | None = None,
+    arm_angle: ArrayLike | None = None,
+    q_ref: ArrayLike | None = None,
+    task: TaskName = "pose",
+    tool_axis: ArrayLike | Sequence[float] = (0.0, 0.0, 1.0),
+    tolerance: float = ANSWERED,
+    redundancy: Literal["points"] = "points",
+) -> IKSolutions: ...
+
+
+@overload
+def inverse_kinematics(
+    robot: Robot, pose: ArrayLike, *, redundancy: Literal["curves"], step: float = STEP
+) -> SolutionCurves: ...
 
 
 def inverse_kinematics(
@@ -34,7 +61,9 @@ def inverse_kinematics(
     task: TaskName = "pose",
     tool_axis: ArrayLike | Sequence[float] = (0.0, 0.0, 1.0),
     tolerance: float = ANSWERED,
-) -> IKSolutions:
+    redundancy: Redundancy = "points",
+    step: float | None = None,
+) -> IKSolutions | SolutionCurves:
     """All joint vectors that bring the tool to a pose, for a batch of poses.
 
     Args:
@@ -77,6 +106,11 @@ def inverse_kinematics(
             and radians) is answered by the nearest pose that it can, and `position_error` and
             `rotation_error` say how far away that is. It is UNREACHABLE only where a closed form
             proves that no pose is that near.
+        redundancy: "curves", for seven joints: all solutions that are found, as curves within the
+            limits (`niryo_jax.SolutionCurves`), in place of the best 16 points of them. Takes the
+            robot, the pose and the step alone, which are concrete.
+        step: radians that no joint exceeds from one point of a curve to the next; 0.05 if not
+            given.
 
     Returns:
         `IKSolutions` with a slot for each solution that there can be: 16 of an arm with a wrist
@@ -92,6 +126,17 @@ def inverse_kinematics(
             joint that cannot be locked, a tool axis without direction, a negative tolerance.
         TypeError: a traced robot, for a method or a task that needs a concrete one.
     """
+    check_choice("redundancy", redundancy, get_args(Redundancy))
+    if redundancy == "curves":
+        others = method, locked, arm_angle, q_ref
+        if any(x is not None for x in others) or task != "pose":
+            raise ValueError(
+                "redundancy 'curves': expected no method, locked joint, arm angle, reference or "
+                "task beside it; choose along the curves that it returns"
+            )
+        return solve_curves(robot, pose, STEP if step is None else step)
+    if step is not None:
+        raise ValueError(f"step: is for redundancy 'curves', got {redundancy!r}")
     bound = task_of(task, tool_axis)
     tolerance = check_number("tolerance", tolerance, "0 or more, metres and radians", _is_finite)
     chosen = locked is not None or arm_angle is not None
@@ -138,8 +183,8 @@ def _is_finite(tolerance: float) -> bool:
 def method_for(robot: Robot) -> Method:
     """The method that `inverse_kinematics` takes where none is named."""
     check_is_robot(robot)
-    if robot.offset_wrist is not None or (robot.plans and spare(robot) is None):
-        return "complete"
-    if spare(robot) is not None:
+    if robot.plans and robot.spare is not None:
         return "sampled"
-    return "complete" if robot.is_general else "multistart"
+    if robot.offset_wrist is not None or robot.plans or robot.is_general:
+        return "complete"
+    return "multistart"

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from niryo_jax.structure.axes import joint_kinds, lock
-from niryo_jax.structure.conditions import GENERIC, fits
+from niryo_jax.structure.closure import ByClosure
+from niryo_jax.structure.conditions import GENERIC, fits, has_polynomial
 from niryo_jax.structure.families import (
     ClosedFormPlan,
     Family,
@@ -39,12 +40,13 @@ class Structure(NamedTuple):
     Attributes:
         offset_wrist: which numbers of an offset-wrist arm are 0, 1 or -1; None of other arms.
         plans: how it can be solved in closed form.
-        general: whether it has six revolute joints and is of none of these kinds.
+        general: how it can be solved by the roots of one polynomial: an arm of six revolute joints
+            that is of none of these kinds, and one of seven by locking the first or the last.
     """
 
     offset_wrist: KnownNumbers | None
     plans: tuple[ClosedFormPlan, ...]
-    general: bool = False
+    general: tuple[ByClosure, ...] = ()
 
 
 def structure_of(screws: Any) -> Structure:
@@ -61,8 +63,13 @@ def structure_of(screws: Any) -> Structure:
 def _structure_of(numbers: bytes, shape: tuple[int, ...], dtype: type) -> Structure:
     screws = np.frombuffer(numbers, dtype).reshape(shape)
     known, plans = known_numbers_of(screws), closed_form_plans(screws)
-    general = known is None and not plans and joint_kinds(screws) == ("revolute",) * 6
-    return Structure(known, plans, general)
+    ways = tuple[ByClosure, ...]()
+    if set(joint_kinds(screws)) == {"revolute"}:
+        if len(screws) == 6 and known is None and not plans:
+            ways = (ByClosure(),)
+        elif len(screws) == 7:
+            ways = tuple(ByClosure(joint) for joint in _by_self_motion(screws) if joint in (0, 6))
+    return Structure(known, plans, tuple(way for way in ways if has_polynomial(way.left(screws))))
 
 
 def closed_form_plans(screws: np.ndarray) -> tuple[ClosedFormPlan, ...]:
@@ -178,7 +185,7 @@ def describe(screws: np.ndarray) -> list[str]:
             known = ", ".join(map(str, sorted(joints)))
             how += f" for each value of a locked joint (its index, counted from 0, one of {known})"
             how += " or each arm angle" * plans[-1].by_arm_angle
-    elif joint_kinds(screws) == ("revolute",) * 6:
+    elif joint_kinds(screws) == ("revolute",) * 6 and has_polynomial(screws):
         family = "six revolute joints of no special geometry"
         if nearly_offset_wrist_axes(screws) is not None:
             family = "nearly 1 and 2 meet, 2 parallel to 3, 4 and 5 meet"

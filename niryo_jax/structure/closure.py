@@ -15,7 +15,7 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -51,7 +51,21 @@ class Elimination(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class ByClosure:
-    """That an arm has six revolute joints, which is all that has to be known of it."""
+    """That an arm has six revolute joints, or seven of which one at an end has a given value.
+
+    Attributes:
+        locked: the index of that joint, which is the first or the last; None of six joints. What is
+            left is one arm whatever the value is, with another tool or another target.
+    """
+
+    locked: int | None = None
+    by_arm_angle: ClassVar[bool] = False
+    periodic: ClassVar[tuple[bool, ...]] = (True,) * JOINTS
+    locked_turns: ClassVar[bool] = True
+
+    def left(self, screws: Any) -> Any:
+        """(6, 6) the screws of the joints that are not locked."""
+        return screws if self.locked is None else screws[1:] if self.locked == 0 else screws[:-1]
 
 
 class ClosureNumbers(NamedTuple):

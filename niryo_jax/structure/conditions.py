@@ -76,6 +76,14 @@ def are_revolute(screws: Any, xp: ModuleType = np) -> Holds:
     return _all((is_revolute(screw, xp) for screw in screws), xp)
 
 
+def has_polynomial(screws: np.ndarray) -> bool:
+    """Whether the polynomial of six revolute joints, screws (6, 6), tells anything.
+
+    Where all neighbouring axes meet it vanishes for every way of elimination and every pose.
+    """
+    return not all(do_meet(*pair) for pair in itertools.pairwise(screws))
+
+
 def is_offset_wrist(screws: Any, xp: ModuleType = np) -> Holds:
     """Whether axes 1 and 2 of six meet, 2 and 3 are parallel, 4 and 5 meet."""
 

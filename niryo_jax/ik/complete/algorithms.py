@@ -130,22 +130,9 @@ class ClosedForm:
         return 2**self.plan.family.signs
 
     def free_arm(self, held: jax.Array) -> Geometry:
-        """The arm without the locked joint, whose motion is part of what comes behind it."""
-        joint, whole = self.plan.locked, self.whole
-        if joint is None:
-            return whole
-        rotation, position = joint_motion(whole, joint, Lane(held[..., 0]))
-        rotation, position = lanes.materialised(rotation), lanes.materialised(position)
-
-        def moved(screw: Lanes) -> Lanes:
-            return lanes.materialised(se3.adjoint_lanes(rotation, position, screw))
-
-        behind = [moved(screw) for screw in whole.screws[joint + 1 :]]
-        home_rotation, home = se3.split(whole.home)
-        pose = se3.assemble(rotation @ home_rotation, rotation @ home + position)
-        kinds = whole.kinds[:joint] + whole.kinds[joint + 1 :]
-        screws = np.stack([*whole.screws[:joint], *behind])
-        return Geometry(screws, lanes.materialised(pose), kinds)
+        """The arm without the locked joint."""
+        joint = self.plan.locked
+        return self.whole if joint is None else _without(self.whole, joint, held)
 
     def first_pass(
         self, geometry: Geometry, target: Lanes, goal: Goal
@@ -173,16 +160,48 @@ class ClosedForm:
         )
 
 
+def _without(whole: Geometry, joint: int, held: jax.Array) -> Geometry:
+    """The arm without a joint, whose motion at values (..., 1) is part of what comes behind it."""
+    rotation, position = _motion(whole, joint, held)
+
+    def moved(screw: Lanes) -> Lanes:
+        return lanes.materialised(se3.adjoint_lanes(rotation, position, screw))
+
+    behind = [moved(screw) for screw in whole.screws[joint + 1 :]]
+    home_rotation, home = se3.split(whole.home)
+    pose = se3.assemble(rotation @ home_rotation, rotation @ home + position)
+    kinds = whole.kinds[:joint] + whole.kinds[joint + 1 :]
+    screws = np.stack([*whole.screws[:joint], *behind])
+    return Geometry(screws, lanes.materialised(pose), kinds)
+
+
+def _motion(whole: Geometry, joint: int, held: jax.Array) -> tuple[Lanes, Lanes]:
+    rotation, position = joint_motion(whole, joint, Lane(held[..., 0]))
+    return lanes.materialised(rotation), lanes.materialised(position)
+
+
 @dataclasses.dataclass(frozen=True)
 class GeneralArm:
-    """Six revolute joints of any geometry, by the roots of one polynomial."""
+    """Six revolute joints of any geometry, or seven of which the first or the last is locked, by
+    the roots of one polynomial."""
 
     whole: Geometry
+    structure: ByClosure
     numbers: jax.Array
 
     def second_pass(self, goal: Goal, live: jax.Array, limits: Limits) -> Answer:
         """By all ways of elimination that it takes."""
-        return solve_general_arm(self.whole, self.numbers, goal.pose, live, limits)
+        arm, pose, joint = self.whole, goal.pose, self.structure.locked
+        if joint == 0:
+            # The target moves back, and the other joints stay where they are.
+            rotation, position = _motion(arm, 0, goal.held)
+            turned, place = se3.split(lanes.unpack(pose, 2))
+            back = se3.assemble(rotation.T @ turned, rotation.T @ (place - position))
+            pose = lanes.pack(lanes.materialised(back), live.shape, pose.dtype)
+            arm = Geometry(arm.screws[1:], arm.home, arm.kinds[1:])
+        elif joint is not None:
+            arm = _without(arm, joint, goal.held)
+        return solve_general_arm(arm, self.numbers, pose, live, limits)
 
 
 Structure = KnownNumbers | ClosedFormPlan | ByClosure
@@ -204,5 +223,5 @@ def algorithm_for(
     if isinstance(structure, ClosedFormPlan):
         return ClosedForm(geometry, structure, tolerance)
     if isinstance(structure, ByClosure):
-        return GeneralArm(geometry, numbers)
+        return GeneralArm(geometry, structure, numbers)
     return OffsetWrist(geometry, parameters_from(structure, list(numbers)))

@@ -65,7 +65,7 @@ def complete_solutions(
         periodic: of all joints.
         sharding: how the rows are spread over devices.
     """
-    joint = structure.locked if isinstance(structure, ClosedFormPlan) else None
+    joint = None if isinstance(structure, tuple) else structure.locked
     target = make_target(pose)
     usable = jnp.isfinite(held)
     target = target._replace(valid=target.valid & jnp.all(usable, axis=-1))

@@ -62,7 +62,8 @@ class _Found(NamedTuple):
 def solve_general_arm(
     geometry: Geometry, numbers: jax.Array, goal: jax.Array, live: jax.Array, limits: Limits
 ) -> Answer:
-    """The answers of poses (rows, 4, 4) of an arm, from its numbers for each way of elimination."""
+    """The answers of poses (rows, 4, 4) of an arm, from its numbers for each way of elimination;
+    its home pose may differ from row to row."""
     rows, dtype = goal.shape[0], goal.dtype
     part = min(at_once(_PART, rows), rows)
     none = jnp.zeros((rows, MOST), dtype)
@@ -80,7 +81,8 @@ def solve_general_arm(
         def solve(found: _Found, at: jax.Array, its: jax.Array) -> _Found:
             at = jnp.minimum(at, rows - 1)
             known = jax.tree.map(lambda x: x[at], found)
-            new = _solved(geometry, way, goal[at], effort, steps, known, is_small(rows))
+            arm = geometry.at(at)
+            new = _solved(arm, way, goal[at], effort, steps, known, is_small(rows))
             where = jnp.where(its, at, rows)
             return jax.tree.map(lambda x, y: x.at[where].set(y, mode="drop"), found, new)
 
@@ -116,7 +118,7 @@ def _solved(
     def recover(state: jax.Array, at: jax.Array, its: jax.Array) -> jax.Array:
         owner = jnp.minimum(roots.owner[at], rows - 1)
         q = joint_vectors(way, equations, owner, roots.angle[at])
-        q, *errors = _improved(geometry, goal[owner], q, steps, small)
+        q, *errors = _improved(geometry.at(owner), goal[owner], q, steps, small)
         return state.at[:, jnp.where(its, at, room)].set(
             jnp.concatenate([q, jnp.stack(errors)]), mode="drop"
         )

@@ -49,14 +49,14 @@ class CompleteSolver:
     @property
     def held(self) -> Held:
         """What its values are values of."""
-        if not isinstance(self.structure, ClosedFormPlan):
+        if isinstance(self.structure, tuple):
             return None
         return "arm angle" if self.structure.by_arm_angle else self.structure.locked
 
     def periodic(self, joints: int) -> tuple[bool, ...]:
         """True for each joint that returns to its place after 2 pi."""
         plan = self.structure
-        if not isinstance(plan, ClosedFormPlan):
+        if isinstance(plan, tuple):
             return (True,) * joints
         joint, others = plan.locked, plan.periodic
         return others if joint is None else (*others[:joint], plan.locked_turns, *others[joint:])
@@ -72,7 +72,7 @@ class CompleteSolver:
         vectors (..., n) to which self-motions come as near as they can."""
         double = jnp.result_type(float)
         if isinstance(self.structure, ByClosure) and pose.dtype != double:
-            return self._in_double(robot, pose, reference)
+            return self._in_double(robot, pose, values, reference)
         dtype, batch = pose.dtype, pose.shape[:-2]
         xp = jnp if is_symbolic(batch) else np
         held: Any = xp.zeros((*batch, 0), dtype) if values is None else values[..., None]
@@ -116,11 +116,16 @@ class CompleteSolver:
         answer = on_all_cores(solve, rows[:2], batch, program_size, map_solutions)
         return represented(answer, pose, *references)
 
-    def _in_double(self, robot: Robot, pose: jax.Array, reference: jax.Array | None) -> IKSolutions:
+    def _in_double(
+        self,
+        robot: Robot,
+        pose: jax.Array,
+        values: jax.Array | None,
+        reference: jax.Array | None,
+    ) -> IKSolutions:
         """The solutions of poses in float32, to its rounding, by an elimination in float64."""
         rounding = float(jnp.finfo(pose.dtype).eps) * extent(pose)[..., None]
-        references = None if reference is None else reference.astype(float)
-        answer = self(robot, pose.astype(float), None, references)
+        answer = self(robot, *jax.tree.map(lambda x: x.astype(float), (pose, values, reference)))
         answer = answer.map(lambda x: x.astype(pose.dtype) if x.dtype.kind == "f" else x)
         answer = dataclasses.replace(
             answer,
@@ -135,10 +140,11 @@ class CompleteSolver:
         if isinstance(self.structure, ClosedFormPlan):
             return np.zeros(0)
         if isinstance(self.structure, ByClosure):
-            if is_concrete(robot.screws):
-                screws = np.asarray(robot.screws, float)
+            screws = self.structure.left(robot.screws)
+            if is_concrete(screws):
+                screws = np.asarray(screws, float)
                 return numbers_of_ways(screws, eliminations(screws))
-            return numbers_of_ways(robot.screws, FOR_ANY, jnp)
+            return numbers_of_ways(screws, FOR_ANY, jnp)
         tool = robot.home[:3, 3]
         if is_concrete(robot.screws, tool):
             numbers = concrete_numbers(np.asarray(robot.screws), np.asarray(tool))
@@ -211,11 +217,15 @@ def _structure(robot: Robot, locked: Locked | None, by_arm_angle: bool) -> Struc
         return robot.offset_wrist
     if robot.is_general and joint is None:
         return ByClosure()
-    possible = [plan.locked for plan in robot.plans if plan.locked is not None]
+    plans = (*robot.plans, *robot.ends)
+    possible = sorted({plan.locked for plan in plans if plan.locked is not None})
+    by_closure = ByClosure(joint)
+    if joint is not None and by_closure in robot.ends:
+        return by_closure
     if joint is not None:
         raise ValueError(
-            f"locked: joint {joint} of {robot.name} cannot be locked; those that can, so that the "
-            f"others are solved in closed form: {possible or 'none'}"
+            f"locked: joint {joint} of {robot.name} cannot be locked; those that can, so that all "
+            f"solutions of the others are found: {possible or 'none'}"
         )
     if possible:
         raise ValueError(

@@ -23,7 +23,6 @@ from niryo_jax.ik.results.status import IKStatus, UnreachableReason
 from niryo_jax.ik.target import make_target
 from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.robot import Robot
-from niryo_jax.structure.families import ClosedFormPlan
 
 
 def solve_sampled(robot: Robot, pose: ArrayLike, samples: int = 16) -> IKSolutions:
@@ -31,15 +30,15 @@ def solve_sampled(robot: Robot, pose: ArrayLike, samples: int = 16) -> IKSolutio
 
     An arm of seven joints reaches a pose in infinitely many ways, a curve or more of them. What is
     returned are the 16 solutions farthest within the limits out of those at `samples` arm angles;
-    of an arm without arm angle, at as many values of `robot.plans[0].locked`, spread evenly
-    over its limits (one turn where it has none).
+    of an arm without arm angle, at as many values of `robot.spare.locked`, spread evenly over its
+    limits (one turn where it has none).
 
     Where none of them is within the limits, others of the same curves stand for them that are
     (`niryo_jax.ik.representative`), and where there are none, those of multi-start. The last is not
     part of a caller's transformation.
 
     Args:
-        robot: an arm of seven joints with plans.
+        robot: an arm of seven joints of which one can be locked.
         pose: (..., 4, 4) targets in the space frame, metres; projected to SE(3) first.
         samples: how many.
 
@@ -51,21 +50,16 @@ def solve_sampled(robot: Robot, pose: ArrayLike, samples: int = 16) -> IKSolutio
         ValueError: a wrong shape, an arm without such plans, fewer samples than one.
     """
     samples = check_fits("samples", samples, 1, BLOCK * SLOTS * robot.joints)
-    plan = spare(robot)
+    plan = robot.spare
     if plan is None:
         raise ValueError(
-            "method 'sampled' needs seven joints of which one can be locked, so that the others "
-            f"are solved in closed form; {robot.name} is no such arm"
+            "method 'sampled' needs seven joints of which one can be locked, so that all solutions "
+            f"of the others are found; {robot.name} is no such arm"
         )
     pose = as_floating("pose", pose)
     check_shape("pose", pose, (4, 4))
     limits = limits_of(robot.lower, robot.upper, pose.dtype)
     joint = plan.locked
-    low, high = jnp.array([-np.pi, np.pi], pose.dtype)
-    if joint is not None:
-        low = jnp.where(jnp.isfinite(limits[0][joint]), limits[0][joint], low)
-        high = jnp.where(jnp.isfinite(limits[1][joint]), limits[1][joint], high)
-    values = low + (high - low) * jnp.asarray((np.arange(samples) + 0.5) / samples, pose.dtype)
     periodic = plan.periodic
     if joint is not None:
         periodic = (*periodic[:joint], plan.locked_turns, *periodic[joint:])
@@ -73,11 +67,7 @@ def solve_sampled(robot: Robot, pose: ArrayLike, samples: int = 16) -> IKSolutio
     target = make_target(pose)
 
     def answers(poses: jax.Array) -> Answer:
-        poses = poses[:, None]
-        if joint is None:
-            sets = solve_complete(robot, poses, arm_angle=values)
-        else:
-            sets = solve_complete(robot, poses, (joint, values))
+        sets = spread_sets(robot, poses, samples)
         nowhere = jnp.all(sets.status == IKStatus.UNREACHABLE, axis=1) & (joint is None)
         reason = jnp.where(nowhere, UnreachableReason.NO_SOLUTION, UnreachableReason.NONE)
 
@@ -97,6 +87,24 @@ def solve_sampled(robot: Robot, pose: ArrayLike, samples: int = 16) -> IKSolutio
     return _with_guesses(robot, pose, within_limits_along_curves(robot, pose, answer))
 
 
+def spread_sets(robot: Robot, pose: jax.Array, samples: int) -> IKSolutions:
+    """The complete sets (m, samples) of poses (m, 4, 4) for evenly spread ways to spend the joint.
+
+    Values of a joint are spread over its limits, or one turn where it has none.
+    """
+    plan = robot.spare
+    assert plan is not None
+    low, high = jnp.array([-np.pi, np.pi], pose.dtype)
+    if plan.locked is not None:
+        lower, upper = (x[plan.locked] for x in limits_of(robot.lower, robot.upper, pose.dtype))
+        low = jnp.where(jnp.isfinite(lower), lower, low)
+        high = jnp.where(jnp.isfinite(upper), upper, high)
+    values = low + (high - low) * jnp.asarray((np.arange(samples) + 0.5) / samples, pose.dtype)
+    if plan.locked is None:
+        return solve_complete(robot, pose[:, None], arm_angle=values)
+    return solve_complete(robot, pose[:, None], (plan.locked, values))
+
+
 def _with_guesses(robot: Robot, pose: jax.Array, answer: IKSolutions) -> IKSolutions:
     """The answer, with that of multi-start for the poses that have none within the limits."""
     if not is_concrete(pose, *jax.tree.leaves(robot)):
@@ -114,12 +122,3 @@ def _with_guesses(robot: Robot, pose: jax.Array, answer: IKSolutions) -> IKSolut
     rows, chosen = rows[np.asarray(better)], np.nonzero(better)[0]
     flat = map_solutions(lambda x, y: x.at[rows].set(y[chosen]), flat, other)
     return flat.map(lambda x: x.reshape(*batch, *x.shape[1:]))
-
-
-def spare(robot: Robot) -> ClosedFormPlan | None:
-    """The plan for an arm with a joint to spare, by the arm angle if it has one; None for others.
-
-    Whatever such an arm can reach it reaches with any arm angle, but not with any value of a joint.
-    """
-    plans = [plan for plan in robot.plans if plan.locked is not None or plan.by_arm_angle]
-    return max(plans, key=lambda plan: plan.by_arm_angle, default=None)
