@@ -16,18 +16,23 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from niryo_jax.execution.padding import is_symbolic, one_by_one
 from niryo_jax.ik.methods.complete import solve_complete
 from niryo_jax.ik.methods.multistart import solve_multistart
+from niryo_jax.ik.representative import is_endless
 from niryo_jax.ik.results.candidates import JointVectors
 from niryo_jax.ik.results.deduplicate import duplicates
 from niryo_jax.ik.results.limits import Limits, limits_of
 from niryo_jax.ik.results.ranking import rank
-from niryo_jax.ik.results.solutions import IKSolutions
+from niryo_jax.ik.results.solutions import IKSolutions, map_solutions
 from niryo_jax.ik.results.status import Singularity
+from niryo_jax.ik.target import make_reference
 from niryo_jax.ik.task import Task
+from niryo_jax.ik.task_reference import near_task_reference
+from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.robot import Robot
 from niryo_jax.structure.axes import joint_kinds, perpendicular_to, sine_between
-from niryo_jax.tolerances import AXES_MEET, AXES_PARALLEL
+from niryo_jax.tolerances import ANSWERED, AXES_MEET, AXES_PARALLEL
 
 
 class Extended(NamedTuple):
@@ -45,7 +50,12 @@ class Extended(NamedTuple):
 
 
 def solve_partial(
-    robot: Robot, pose: ArrayLike, task: Task, complete: bool | None, tolerance: float
+    robot: Robot,
+    pose: ArrayLike,
+    task: Task,
+    complete: bool | None,
+    tolerance: float,
+    q_ref: ArrayLike | None = None,
 ) -> IKSolutions:
     """`inverse_kinematics` of a task other than "pose".
 
@@ -55,6 +65,7 @@ def solve_partial(
         task: which part.
         complete: whether by the complete method; if it fits where None.
         tolerance: metres and radians by which an arm of fewer joints than are bound may miss.
+        q_ref: (..., n) joint vectors that the solutions are to be near to, where they can choose.
 
     Raises:
         ValueError: a wrong shape, an arm that the complete method does not fit where it is asked
@@ -62,16 +73,51 @@ def solve_partial(
         TypeError: a traced robot.
     """
     extended = extended_arm(robot, task)
-    fits = bool(extended.robot.plans) or extended.robot.offset_wrist is not None
-    fits = fits and extended.robot.joints <= 6
+    fits = is_solved_completely(robot, task)
     if complete and not fits:
         raise ValueError(
             f"method 'complete' for task {task.name!r} needs an arm of which as many joints matter "
             f"as the task binds ({task.bound}) or fewer, and that a closed form solves with "
             f"those it leaves; {robot.name} is no such arm"
         )
-    if not fits or complete is False:
-        return solve_multistart(robot, pose, task=task, tolerance=tolerance)
+    pose = as_floating("pose", pose)
+    check_shape("pose", pose, (4, 4))
+    reference = None if q_ref is None else make_reference(q_ref, pose, robot.joints)
+
+    def solve(pose: jax.Array, *reference: jax.Array) -> IKSolutions:
+        endless = None
+        if not fits or complete is False:
+            answer = solve_multistart(robot, pose, task=task, tolerance=tolerance)
+            answer = dataclasses.replace(answer, free=extended.free)
+        else:
+            answer, endless = own_solutions(robot, pose, task, tolerance)
+        near = functools.partial(near_task_reference, robot, pose, task, endless)
+        if reference:
+            answer = near(answer, *reference)
+        else:
+            answer.remember(near)
+        return answer
+
+    if reference is None:
+        return solve(pose)
+    if is_symbolic(pose.shape[:-2]):
+        return one_by_one(solve, [pose, reference], pose.shape[:-2], map_solutions)
+    return solve(pose, reference)
+
+
+def is_solved_completely(robot: Robot, task: Task) -> bool:
+    """Whether as many joints of a concrete arm matter as are bound, or fewer, and a closed form
+    fits."""
+    arm = extended_arm(robot, task).robot
+    return arm.joints <= 6 and (bool(arm.plans) or arm.offset_wrist is not None)
+
+
+def own_solutions(
+    robot: Robot, pose: jax.Array, task: Task, tolerance: float = ANSWERED
+) -> tuple[IKSolutions, jax.Array]:
+    """All solutions of an arm that `is_solved_completely`, and which of them are some of infinitely
+    many though the joints that do not matter are left out, (..., slots)."""
+    extended = extended_arm(robot, task)
     answer = solve_complete(extended.robot, pose, tolerance=tolerance)
     limits = limits_of(robot.lower, robot.upper, answer.q.dtype)
     return _of_own_joints(answer, extended.own, extended.free, task, limits)
@@ -133,8 +179,9 @@ def _free_joints(
 @functools.partial(jax.jit, static_argnums=(1, 2, 3))
 def _of_own_joints(
     answer: IKSolutions, own: tuple[int, ...], free: tuple[int, ...], task: Task, limits: Limits
-) -> IKSolutions:
-    """The answer in the joints of an arm; those that do not matter are halfway in their range."""
+) -> tuple[IKSolutions, jax.Array]:
+    """The answer in the joints of an arm, those that do not matter halfway in their range; and
+    which of its solutions are some of infinitely many by the others."""
     found, own_q, (lower, upper) = answer.found, answer.q[..., : len(own)], limits
     slots, turned = found.shape[-1], answer.rotation_error
     if task.name == "position":
@@ -148,14 +195,10 @@ def _of_own_joints(
     periodic = list(answer.periodic[: len(own)])
     for joint in free:
         periodic.insert(joint, True)
-    singularity = answer.singularity
-    if free:
-        regular = singularity == Singularity.NONE
-        singularity = jnp.where(regular, jnp.int32(Singularity.SELF_MOTION), singularity)
     errors = answer.position_error, turned
-    vectors = JointVectors(q, found, *errors, answer.label, singularity)
+    vectors = JointVectors(q, found, *errors, answer.label, answer.singularity)
     ranked = rank(vectors, limits, tuple(periodic), slots)
-    return dataclasses.replace(
+    own_answer = dataclasses.replace(
         answer,
         **ranked.as_fields(),
         count=jnp.sum(found, axis=-1, dtype=jnp.int32),
@@ -163,4 +206,11 @@ def _of_own_joints(
         upper=upper,
         periodic=tuple(periodic),
         task=task.name,
+        free=free,
     )
+    endless = is_endless(own_answer)
+    if free:
+        regular = ranked.found & (ranked.singularity == Singularity.NONE)
+        named = jnp.where(regular, jnp.int32(Singularity.SELF_MOTION), ranked.singularity)
+        own_answer = dataclasses.replace(own_answer, singularity=named)
+    return own_answer, endless

@@ -39,7 +39,7 @@ def assemble(
     )
     unreachable = status == IKStatus.UNREACHABLE
     return IKSolutions(
-        **solutions.as_fields(),
+        **solutions.as_fields(),  # pyright: ignore[reportArgumentType]
         status=status,
         unreachable_reason=jnp.where(unreachable, answer.unreachable, UnreachableReason.NONE),
         complete=answer.proved & target.valid,
