@@ -90,7 +90,8 @@ def solve_partial(
             answer = solve_multistart(robot, pose, task=task, tolerance=tolerance)
             answer = dataclasses.replace(answer, free=extended.free)
         else:
-            answer, endless = own_solutions(robot, pose, task, tolerance)
+            own = own_solutions(robot, pose, task, tolerance)
+            answer, endless = _with_free_named(own), is_endless(own)
         near = functools.partial(near_task_reference, robot, pose, task, endless)
         if reference:
             answer = near(answer, *reference)
@@ -114,9 +115,9 @@ def is_solved_completely(robot: Robot, task: Task) -> bool:
 
 def own_solutions(
     robot: Robot, pose: jax.Array, task: Task, tolerance: float = ANSWERED
-) -> tuple[IKSolutions, jax.Array]:
-    """All solutions of an arm that `is_solved_completely`, and which of them are some of infinitely
-    many though the joints that do not matter are left out, (..., slots)."""
+) -> IKSolutions:
+    """All solutions of an arm that `is_solved_completely`, in its joints, singular as if those that
+    do not matter were not there."""
     extended = extended_arm(robot, task)
     answer = solve_complete(extended.robot, pose, tolerance=tolerance)
     limits = limits_of(robot.lower, robot.upper, answer.q.dtype)
@@ -179,9 +180,8 @@ def _free_joints(
 @functools.partial(jax.jit, static_argnums=(1, 2, 3))
 def _of_own_joints(
     answer: IKSolutions, own: tuple[int, ...], free: tuple[int, ...], task: Task, limits: Limits
-) -> tuple[IKSolutions, jax.Array]:
-    """The answer in the joints of an arm, those that do not matter halfway in their range; and
-    which of its solutions are some of infinitely many by the others."""
+) -> IKSolutions:
+    """The answer in the joints of an arm; those that do not matter are halfway in their range."""
     found, own_q, (lower, upper) = answer.found, answer.q[..., : len(own)], limits
     slots, turned = found.shape[-1], answer.rotation_error
     if task.name == "position":
@@ -198,7 +198,7 @@ def _of_own_joints(
     errors = answer.position_error, turned
     vectors = JointVectors(q, found, *errors, answer.label, answer.singularity)
     ranked = rank(vectors, limits, tuple(periodic), slots)
-    own_answer = dataclasses.replace(
+    return dataclasses.replace(
         answer,
         **ranked.as_fields(),
         count=jnp.sum(found, axis=-1, dtype=jnp.int32),
@@ -208,9 +208,10 @@ def _of_own_joints(
         task=task.name,
         free=free,
     )
-    endless = is_endless(own_answer)
-    if free:
-        regular = ranked.found & (ranked.singularity == Singularity.NONE)
-        named = jnp.where(regular, jnp.int32(Singularity.SELF_MOTION), ranked.singularity)
-        own_answer = dataclasses.replace(own_answer, singularity=named)
-    return own_answer, endless
+
+
+def _with_free_named(answer: IKSolutions) -> IKSolutions:
+    """The answer, in which joints that do not matter are a reason for infinitely many solutions."""
+    regular = answer.found & (answer.singularity == Singularity.NONE)
+    named = jnp.where(regular, jnp.int32(Singularity.SELF_MOTION), answer.singularity)
+    return dataclasses.replace(answer, singularity=named) if answer.free else answer
