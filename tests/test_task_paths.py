@@ -283,7 +283,7 @@ def test_joints_to_spare_make_up_for_those_at_their_limits(rng):
     top = np.asarray(free.q).max(axis=0)
     moves = int(np.argmax(top - q[0]))
     upper = np.array(robot.upper)
-    upper[moves] = 0.5 * (top + q[0])[moves]
+    upper[moves] = (0.8 * top + 0.2 * q[0])[moves]
     narrow = dataclasses.replace(robot, upper=upper)
     path = nj.follow(narrow, pose, q[0], task="position")
     assert path.ok.all(), path.message
@@ -321,9 +321,37 @@ def test_what_ends_a_path_is_told(case, rng):
     np.testing.assert_allclose(single.q, nj.follow(robot, pose, q[0], **options).q, atol=2e-3)
 
 
+# --- poses out of reach
+
+
+@pytest.mark.parametrize(
+    "options", [{"task": "direction", "tool_axis": ALONG}, {"task": "position"}]
+)
+def test_what_is_bound_is_brought_within_reach(options, rng):
+    robot = nj.robots.niryo_one()
+    shoulder = np.array([0.0, 0.0, 0.183])
+    pose = arms.forward(robot, rng.uniform(robot.lower, robot.upper, (4, 6)))[0]
+    far = pose.copy()
+    far[:, :3, 3] = shoulder + 2.5 * (pose[:, :3, 3] - shoulder)
+    given = np.concatenate([pose[:1], far])
+    moved, ok = nj.nearest_reachable(robot, given, **options)
+    np.testing.assert_array_equal(moved[0], given[0])
+    np.testing.assert_array_equal(moved[:, :3, :3], given[:, :3, :3])
+    assert np.all(ok)
+    assert np.all(nj.inverse_kinematics(robot, moved, **options).status == IKStatus.SOLVED)
+    off = np.cross(given[:, :3, 3] - shoulder, np.asarray(moved)[:, :3, 3] - shoulder)
+    np.testing.assert_allclose(off, 0.0, atol=1e-12)
+    # Less is bound, so no more is to be moved.
+    whole, reached = nj.nearest_reachable(robot, given)
+    distance = [np.linalg.norm((given - x)[:, :3, 3], axis=1) for x in (moved, whole)]
+    assert np.all((distance[0] <= distance[1] + 1e-6) | ~np.asarray(reached))
+
+
 def test_wrong_tasks_are_refused_by_name():
     robot = nj.robots.niryo_one()
     pose = np.eye(4)[None]
+    with pytest.raises(ValueError, match="task: expected one of"):
+        nj.nearest_reachable(robot, pose, task="axis")
     with pytest.raises(ValueError, match="task: expected one of"):
         nj.follow(robot, pose, START[:6], task="axis")
     with pytest.raises(ValueError, match="tool_axis: expected a vector"):

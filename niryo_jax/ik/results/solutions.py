@@ -133,8 +133,8 @@ class IKSolutions:
             q_ref: (..., n) reference joint vectors, radians.
 
         Returns:
-            (..., n) the joint vectors whose largest joint difference from q_ref is least, and
-            (...,) whether there is one; where there is none, q_ref is returned.
+            (..., n) the joint vectors whose largest joint difference from q_ref is least, of joints
+            that matter, and (...,) whether there is one; where there is none, q_ref is returned.
         """
         reference = as_floating("q_ref", q_ref).astype(self.q.dtype)
         check_shape("q_ref", reference, (self.q.shape[-1],))
@@ -192,7 +192,9 @@ def _nearest(solutions: IKSolutions, reference: jax.Array) -> tuple[jax.Array, j
     target = reference[..., None, :]
     limits = solutions.lower, solutions.upper
     turned = nearest_turn(solutions.q, target, *limits, solutions.periodic)
-    distance = jnp.max(jnp.abs(turned - target), axis=-1)
+    # A joint that does not matter is as far from a reference beyond its limits in every solution.
+    matters = ~np.isin(np.arange(turned.shape[-1]), solutions.free)
+    distance = jnp.max(jnp.abs(turned - target), axis=-1, where=matters, initial=0.0)
     distance = jnp.where(solutions.within_limits & jnp.isfinite(distance), distance, jnp.inf)
     best = jnp.argmin(distance, axis=-1)[..., None]
     ok = jnp.isfinite(jnp.take_along_axis(distance, best, axis=-1))[..., 0]
