@@ -51,6 +51,10 @@ def test_a_part_of_a_pose_is_solved_as_in_python(as_json, options, axis, free, c
             assert solution["rotation_error_rad"] is None
         else:
             assert solution["rotation_error_rad"] < 1e-10
+    for name in free:
+        joint = robot.joint_names.index(name)
+        halfway = 0.5 * (robot.lower + robot.upper)[joint]
+        np.testing.assert_allclose(q[:, joint], halfway, atol=1e-12)
     if task == "direction":
         seen = (reached - pose)[:, :3, :3] @ (np.array(axis) / np.linalg.norm(axis))
         assert np.abs(seen).max() < 1e-10

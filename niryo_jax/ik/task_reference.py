@@ -6,7 +6,6 @@ as the task lets them (`niryo_jax.ik.newton.least_change`).
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 
 import jax
@@ -16,12 +15,12 @@ from niryo_jax._jax import is_concrete
 from niryo_jax.execution.padding import cut_rows, padded_rows, program_size
 from niryo_jax.ik.newton.least_change import drawn_to
 from niryo_jax.ik.newton.newton_raphson import NewtonResult, newton_raphson
+from niryo_jax.ik.results.assemble import with_other_vectors
 from niryo_jax.ik.results.candidates import JointVectors
 from niryo_jax.ik.results.deduplicate import duplicates
 from niryo_jax.ik.results.limits import are_within_limits, nearest_turn
-from niryo_jax.ik.results.ranking import rank
 from niryo_jax.ik.results.solutions import IKSolutions, with_free_joints_at
-from niryo_jax.ik.results.status import IKStatus, Singularity
+from niryo_jax.ik.results.status import Singularity
 from niryo_jax.ik.target import make_target
 from niryo_jax.ik.task import Task
 from niryo_jax.robot import Robot
@@ -125,16 +124,7 @@ def _replaced(
         found,
         jnp.where(better, metres, answer.position_error),
         jnp.where(better, radians, answer.rotation_error),
-        jnp.where(better & (answer.label < 0), -1, answer.label),
+        answer.label,
         jnp.where(named, jnp.int32(Singularity.SELF_MOTION), answer.singularity),
     )
-    ranked = rank(vectors, limits, periodic, slots)
-    within, count = jnp.any(ranked.within, axis=-1), jnp.sum(ranked.found, -1, dtype=jnp.int32)
-    some = (count > 0) & (answer.status == IKStatus.UNDECIDED)
-    status = jnp.where(some, jnp.int32(IKStatus.OUTSIDE_LIMITS), answer.status)
-    return dataclasses.replace(
-        answer,
-        **ranked.as_fields(),
-        count=count,
-        status=jnp.where(within, jnp.int32(IKStatus.SOLVED), status),
-    )
+    return with_other_vectors(answer, vectors)

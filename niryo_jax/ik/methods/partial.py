@@ -20,11 +20,12 @@ from niryo_jax.execution.padding import is_symbolic, one_by_one
 from niryo_jax.ik.methods.complete import solve_complete
 from niryo_jax.ik.methods.multistart import solve_multistart
 from niryo_jax.ik.representative import is_endless
+from niryo_jax.ik.results.assemble import with_other_vectors
 from niryo_jax.ik.results.candidates import JointVectors
 from niryo_jax.ik.results.deduplicate import duplicates
 from niryo_jax.ik.results.limits import Limits, limits_of
 from niryo_jax.ik.results.ranking import rank
-from niryo_jax.ik.results.solutions import IKSolutions, map_solutions
+from niryo_jax.ik.results.solutions import IKSolutions, map_solutions, with_free_joints_at
 from niryo_jax.ik.results.status import Singularity
 from niryo_jax.ik.target import make_reference
 from niryo_jax.ik.task import Task
@@ -88,7 +89,7 @@ def solve_partial(
         endless = None
         if not fits or complete is False:
             answer = solve_multistart(robot, pose, task=task, tolerance=tolerance)
-            answer = dataclasses.replace(answer, free=extended.free)
+            answer = _with_free_halfway(dataclasses.replace(answer, free=extended.free))
         else:
             own = own_solutions(robot, pose, task, tolerance)
             answer, endless = _with_free_named(own), is_endless(own)
@@ -189,9 +190,11 @@ def _of_own_joints(
         found = found & ~duplicates(own_q, found, answer.periodic[: len(own)])
         slots //= 2
         turned = jnp.zeros_like(answer.rotation_error)
-    bounded = jnp.isfinite(lower) & jnp.isfinite(upper)
-    rest = jnp.clip(jnp.where(bounded, 0.5 * (lower + upper), 0.0), lower, upper)
-    q = jnp.broadcast_to(rest, (*found.shape, len(rest))).at[..., np.array(own, int)].set(own_q)
+    q = (
+        jnp.broadcast_to(_halfway(limits), (*found.shape, len(lower)))
+        .at[..., np.array(own, int)]
+        .set(own_q)
+    )
     periodic = list(answer.periodic[: len(own)])
     for joint in free:
         periodic.insert(joint, True)
@@ -208,6 +211,25 @@ def _of_own_joints(
         task=task.name,
         free=free,
     )
+
+
+def _halfway(limits: Limits) -> jax.Array:
+    """(n,) the middle of each joint's range, or 0 where it has none."""
+    lower, upper = limits
+    bounded = jnp.isfinite(lower) & jnp.isfinite(upper)
+    return jnp.clip(jnp.where(bounded, 0.5 * (lower + upper), 0.0), lower, upper)
+
+
+@jax.jit
+def _with_free_halfway(answer: IKSolutions) -> IKSolutions:
+    """The different ones of solutions in which joints that do not matter were anywhere."""
+    if not answer.free:
+        return answer
+    placed = with_free_joints_at(answer, _halfway((answer.lower, answer.upper)))
+    found = placed.found & ~duplicates(placed.q, placed.found, placed.periodic)
+    errors = placed.position_error, placed.rotation_error
+    vectors = JointVectors(placed.q, found, *errors, placed.label, placed.singularity)
+    return with_other_vectors(placed, vectors)
 
 
 def _with_free_named(answer: IKSolutions) -> IKSolutions:
