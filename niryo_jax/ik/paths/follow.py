@@ -45,8 +45,8 @@ class JointPath:
             (q_start where there is none).
         ok: (k,) True up to the end of the branch, False from there on.
         label: (k,) the label of the solution (`IKSolutions.label`), -1 where not ok, and of tasks
-            with joints to spare. It changes
-            where the path leads through a singularity to the other side.
+            with joints to spare. It changes where the path leads through a singularity to the other
+            side.
         message: that the whole path was followed, or at which sample it ends and why; static.
     """
 
