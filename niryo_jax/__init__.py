@@ -4,6 +4,9 @@ Functions compute in the precision of their arguments, float32 or float64; integ
 one that JAX is set to, and float16 and bfloat16 are refused. An argument that is none is named.
 """
 
+# Before anything else: from here on Ctrl-C ends a command in a word.
+from niryo_jax import interruption as interruption  # isort: split
+
 import importlib
 from typing import TYPE_CHECKING, Any
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from support import product_of_exponentials
 
 import niryo_jax as nj
-from benchmarks.random_arms import FAMILIES, arm
-
-__all__ = "FAMILIES", "apart", "arm", "forward", "joint_vectors", "search", "turns"
+from benchmarks.random_arms import FAMILIES as FAMILIES
+from benchmarks.random_arms import arm as arm
 
 
 def joint_vectors(robot: nj.Robot, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -26,6 +26,33 @@ def apart(robot: nj.Robot, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     difference = a - b
     wrapped = (difference + np.pi) % (2 * np.pi) - np.pi
     return np.abs(np.where(turns(robot), wrapped, difference)).max(axis=-1)
+
+
+def off_by(
+    robot: nj.Robot, rng: np.random.Generator, size: float, *, limited: bool = False
+) -> nj.Robot:
+    """The arm with each axis moved (metres) and tilted (radians) by about `size`, without limits
+    unless it is to be `limited` as before."""
+    w, v = np.asarray(robot.screws)[:, :3], np.asarray(robot.screws)[:, 3:]
+    points = np.cross(w, v) + size * rng.standard_normal(w.shape)
+    axes = w + size * rng.standard_normal(w.shape)
+    limits = {"lower": robot.lower, "upper": robot.upper} if limited else {}
+    return nj.Robot.from_axes(axes, points, robot.home, **limits)
+
+
+def posed(robot: nj.Robot, q: np.ndarray) -> np.ndarray:
+    """Poses (..., 4, 4) of joint vectors, rounded from extended precision."""
+    return product_of_exponentials(robot.screws, robot.home, q).astype(float)
+
+
+def check_closes(
+    robot: nj.Robot, answer: nj.IKSolutions, pose: np.ndarray, within: float = 1e-10
+) -> None:
+    """All that is found takes its pose (..., 4, 4), to `within`, and is counted."""
+    found = np.asarray(answer.found)
+    wanted = np.broadcast_to(np.asarray(pose)[..., None, :, :], (*found.shape, 4, 4))[found]
+    np.testing.assert_allclose(posed(robot, np.asarray(answer.q)[found]), wanted, atol=within)
+    np.testing.assert_array_equal(found.sum(axis=-1), answer.count)
 
 
 def forward(robot: nj.Robot, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support import product_of_exponentials, random_robot
+from arms import check_closes, off_by, posed
+from support import random_robot
 
 import niryo_jax as nj
 from niryo_jax.ik import IKStatus
@@ -16,10 +17,6 @@ from niryo_jax.ik.methods.continuation import nominal, solve_by_continuation
 from niryo_jax.ik.methods.multistart import additive_recurrence, solve_multistart
 
 POSES = 256  # one shape, so one program, for all tests on many poses
-
-
-def posed(robot, q):
-    return np.asarray(product_of_exponentials(robot.screws, robot.home, q), np.float64)
 
 
 def turns_apart(a, b, periodic):
@@ -33,23 +30,14 @@ def has(solutions, q, tolerance=1e-4):
     return np.any((apart < tolerance) & np.asarray(solutions.found), axis=-1)
 
 
-def check_closes(robot, solutions, pose):
-    found = np.asarray(solutions.found)
-    reached = posed(robot, np.asarray(solutions.q)[found])
-    wanted = np.broadcast_to(np.asarray(pose)[..., None, :, :], (*found.shape, 4, 4))[found]
-    np.testing.assert_allclose(reached, wanted, atol=1e-9)
+def check(robot, solutions, pose):
+    check_closes(robot, solutions, pose, within=1e-9)
     assert not np.any(solutions.complete)
-    np.testing.assert_array_equal(np.sum(found, axis=-1), solutions.count)
 
 
 def perturbed(robot, rng, size):
-    """The arm with each axis moved (metres) and tilted (radians) by about `size`."""
-    w, v = robot.screws[:, :3], robot.screws[:, 3:]
-    points = np.cross(w, v) + size * rng.standard_normal((6, 3)) / np.sqrt(3)
-    axes = w + size * rng.standard_normal((6, 3)) / np.sqrt(3)
-    return nj.Robot.from_axes(
-        axes, points, robot.home, lower=robot.lower, upper=robot.upper, name="calibrated"
-    )
+    """A calibrated arm: `size` is how far off an axis is, not each of its coordinates."""
+    return off_by(robot, rng, size / np.sqrt(3), limited=True)
 
 
 @functools.cache
@@ -75,7 +63,7 @@ def test_points_fill_the_cube_additive_recurrence():
 @pytest.mark.parametrize(("joints", "prismatic"), [(6, ()), (6, (2,)), (7, ())])
 def test_every_answer_of_many_starts_reaches_the_pose(joints, prismatic):
     robot, _, pose, solutions = random_case(joints, prismatic)
-    check_closes(robot, solutions, pose)
+    check(robot, solutions, pose)
     assert np.mean(np.asarray(solutions.status) == IKStatus.SOLVED) >= 0.98
     assert solutions.periodic == tuple(i not in prismatic for i in range(joints))
     assert solutions.q.shape == (POSES, 16, joints)
@@ -129,7 +117,7 @@ def test_many_starts_respect_the_limits(niryo, rng):
     q = rng.uniform(niryo.lower, niryo.upper, (POSES, 6))
     pose = posed(niryo, q)
     solutions = solve_multistart(niryo, pose)
-    check_closes(niryo, solutions, pose)
+    check(niryo, solutions, pose)
     assert np.mean(has(solutions, q)) >= 0.95
     inside = np.all((solutions.q >= niryo.lower) & (solutions.q <= niryo.upper), axis=-1)
     np.testing.assert_array_equal(solutions.within_limits, inside & solutions.found)
@@ -175,7 +163,7 @@ def test_a_calibrated_arm_is_solved_from_its_nominal_arm(niryo, rng, size):
     q = rng.uniform(niryo.lower, niryo.upper, (POSES, 6))
     pose = posed(robot, q)
     solutions = solve_by_continuation(robot, pose)
-    check_closes(robot, solutions, pose)
+    check(robot, solutions, pose)
     assert np.mean(has(solutions, q)) >= 0.99
     assert np.mean(np.asarray(solutions.status) == IKStatus.SOLVED) >= 0.99
 

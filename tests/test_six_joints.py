@@ -10,9 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from arms import check_closes, off_by, posed
 from hypothesis import given
 from hypothesis import strategies as st
-from support import product_of_exponentials, random_robot
+from support import random_robot
 
 import niryo_jax as nj
 from niryo_jax.ik import IKStatus
@@ -26,17 +27,6 @@ from niryo_jax.structure import closure
 POSES = 256  # one shape, so one program, for most tests
 
 
-def posed(robot, q):
-    return np.asarray(product_of_exponentials(robot.screws, robot.home, q), np.float64)
-
-
-def off_by(robot, rng, size):
-    """The arm with each axis moved (metres) and tilted (radians) by about `size`."""
-    w, v = robot.screws[:, :3], robot.screws[:, 3:]
-    points = np.cross(w, v) + size * rng.standard_normal((6, 3))
-    return nj.Robot.from_axes(w + size * rng.standard_normal((6, 3)), points, robot.home)
-
-
 def apart(a, b):
     return np.abs((np.asarray(a) - b + np.pi) % (2 * np.pi) - np.pi).max(axis=-1)
 
@@ -44,13 +34,6 @@ def apart(a, b):
 def has(answer, q, within=1e-5):
     """(...,) whether joint vectors (..., n) are among the solutions."""
     return np.any((apart(answer.q, q[..., None, :]) < within) & np.asarray(answer.found), axis=-1)
-
-
-def check_closes(robot, answer, pose):
-    found = np.asarray(answer.found)
-    wanted = np.broadcast_to(pose[..., None, :, :], (*found.shape, 4, 4))[found]
-    np.testing.assert_allclose(posed(robot, np.asarray(answer.q)[found]), wanted, atol=1e-10)
-    np.testing.assert_array_equal(found.sum(axis=-1), answer.count)
 
 
 @functools.cache

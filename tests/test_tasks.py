@@ -12,6 +12,7 @@ from test_fewer_joints import at_steps, desktop, made
 
 import niryo_jax as nj
 from niryo_jax.ik import IKStatus, Singularity
+from niryo_jax.ik.task import task_of
 
 POSES = 64
 ALONG, UP = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -239,6 +240,12 @@ def test_newton_raphson_takes_a_task(rng):
             assert np.max(np.abs((reached - given)[:, :3, :3] @ np.array(UP))) < 1e-10
     with pytest.raises(ValueError, match="expected 'body' for task 'position'"):
         nj.newton_raphson(robot, pose, q, task="position", frame="space")
+
+
+def test_a_tool_axis_has_any_length():
+    for length in (1e-320, 1e-200, 3.0, 1e308):
+        assert task_of("direction", (0.0, -length, 0.0)).axis == (0.0, -1.0, 0.0)
+        assert task_of("direction", (length, length, 0.0)) == task_of("direction", (1, 1, 0))
 
 
 def test_wrong_use_is_refused_by_name():

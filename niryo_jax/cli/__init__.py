@@ -8,6 +8,7 @@ import sys
 
 import jax
 
+from niryo_jax import interruption
 from niryo_jax._jax import COMPILE_FAST
 from niryo_jax.cli.outcome import ExitCode, Failure
 from niryo_jax.cli.streams import guard_streams
@@ -15,6 +16,7 @@ from niryo_jax.cli.streams import guard_streams
 
 def main() -> None:
     """Run the command with the arguments of this process, and exit with an `ExitCode`."""
+    interruption.end_at_once()
     # What is imported stays: looking through it for garbage takes a tenth of a short command.
     gc.freeze()
     arguments = sys.argv[1:] or ["--help"]
@@ -25,6 +27,7 @@ def main() -> None:
         code = failure.report(as_json="--json" in arguments)
     except KeyboardInterrupt:
         code = Failure("interrupted", ExitCode.INTERRUPTED).report(as_json="--json" in arguments)
+    interruption.ignore()
     sys.exit(code)
 
 

@@ -17,6 +17,10 @@ from niryo_jax.cli.explain import explained_table
 from niryo_jax.cli.options import (
     DegreesOption,
     JsonOption,
+    TaskChoice,
+    TaskOption,
+    ToolAxisOption,
+    Vector,
     finite,
     in_unit,
     joint_unit_name,
@@ -35,6 +39,7 @@ from niryo_jax.ik import (
     inverse_kinematics,
     seeded_branches,
 )
+from niryo_jax.ik.task import BOUND
 from niryo_jax.lie.rpy import rpy_from_pose
 from niryo_jax.robot import Robot
 
@@ -112,18 +117,33 @@ def ik(
     explain: Annotated[
         bool, typer.Option("--explain", help="Show what the published method makes of it.")
     ] = False,
+    task: TaskOption = TaskChoice.POSE,
+    tool_axis: ToolAxisOption = None,
     robot: ArmOption = "niryo_one",
     base: BaseOption = None,
     tip: TipOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Inverse kinematics: the joint angles that bring the tool frame to a pose."""
-    pose = read_pose(position, rpy, matrix, pose_file, degrees=degrees, millimetres=in_millimetres)
+    """Inverse kinematics: the joint angles that bring the tool frame to a pose, or a part of it."""
+    axis = _tool_axis(task, tool_axis)
+    if explain and task is not TaskChoice.POSE:
+        raise typer.BadParameter("--explain goes with --task pose, which the published method does")
+    pose = read_pose(
+        position,
+        rpy,
+        matrix,
+        pose_file,
+        degrees=degrees,
+        millimetres=in_millimetres,
+        only_position=task is TaskChoice.POSITION,
+    )
     arm = load_arm(robot, base, tip)
     try:
         with busy("Solving"):
             # As numpy, of which single numbers are taken without a program for each.
-            solutions = jax.device_get(inverse_kinematics(arm, jax.device_put(pose)))
+            solutions = jax.device_get(
+                inverse_kinematics(arm, jax.device_put(pose), task=task.value, tool_axis=axis)
+            )
             branches = explain_branches(seeded_branches(arm, pose), solutions) if explain else []
     except ValueError as error:
         raise Failure(str(error), ExitCode.USAGE) from error
@@ -135,10 +155,15 @@ def ik(
         "status": status.name,
         "message": message,
         "complete": bool(solutions.complete),
+        "task": task.value,
+        "bound": BOUND[task.value][1],
     }
+    if task is TaskChoice.DIRECTION:
+        document["tool_axis"] = axis.tolist()
     if status is IKStatus.INVALID_POSE:
         raise Failure(message, ExitCode.USAGE, document)
     document |= {"pose": pose.tolist(), "pose_distance": distance}
+    document |= {"free_joints": [arm.joint_names[joint] for joint in solutions.free]}
     document |= {"solutions": _as_documents(solutions)}
     if explain:
         document["branches"] = [branch.as_document() for branch in branches]
@@ -155,11 +180,33 @@ def ik(
         show_lines(message)
 
 
+def _tool_axis(task: TaskChoice, given: tuple[str, str, str] | None) -> Vector:
+    """The tool axis of a task.
+
+    Raises:
+        typer.BadParameter: it has no direction, or the task does not ask for one.
+    """
+    if given is None:
+        return np.array([0.0, 0.0, 1.0])
+    if task is not TaskChoice.DIRECTION:
+        raise typer.BadParameter(f"--tool-axis goes with --task direction, got --task {task.value}")
+    axis = finite("--tool-axis X Y Z", numbers(" ".join(given)), 3, "numbers")
+    if not np.any(axis):
+        raise typer.BadParameter("--tool-axis X Y Z: expected a direction, got 0 0 0")
+    return axis
+
+
 def _show(arm: Robot, solutions: IKSolutions, degrees: bool) -> None:
     """The solutions as a table, and with all their digits."""
     if solutions.count == 0:
         return
     show_table(solutions_table(arm, solutions, degrees))
+    if solutions.task != "pose":
+        known = "all that there are" if solutions.complete else "some of those that there may be"
+        show_lines(f"Bound: {BOUND[solutions.task][1]}. These solutions are {known}.")
+    if solutions.free:
+        names = ", ".join(arm.joint_names[joint] for joint in solutions.free)
+        show_lines(f"Of no matter, and halfway in the range: {names}.")
     vector = "np.deg2rad([...])" if degrees else "[...]"
     show_lines(
         f"All digits ({joint_unit_name(arm, degrees)}), for `niryo-jax fk ... "
@@ -176,7 +223,9 @@ def _as_documents(solutions: IKSolutions) -> list[dict[str, object]]:
             "joints_rad": np.asarray(solutions.q[slot]).tolist(),
             "within_limits": bool(solutions.within_limits[slot]),
             "position_error_m": float(solutions.position_error[slot]),
-            "rotation_error_rad": float(solutions.rotation_error[slot]),
+            "rotation_error_rad": (
+                None if solutions.task == "position" else float(solutions.rotation_error[slot])
+            ),
             "label": int(solutions.label[slot]),
             "singularity": Singularity(int(solutions.singularity[slot])).name,
         }

@@ -30,6 +30,14 @@ class RobotName(StrEnum):
         return MODELS[self.value]
 
 
+class TaskChoice(StrEnum):
+    """What of a pose is bound (`niryo_jax.ik.task`)."""
+
+    POSE = "pose"
+    DIRECTION = "direction"
+    POSITION = "position"
+
+
 def _chosen(degrees: bool | None) -> bool:
     if degrees is None:
         raise typer.BadParameter("say which unit the angles are in: --degrees or --radians")
@@ -83,6 +91,22 @@ DegreesOption = Annotated[
         callback=_chosen,
         show_default=False,
         help="Unit of all angles, given and shown; one of the two is required.",
+    ),
+]
+TaskOption = Annotated[
+    TaskChoice,
+    typer.Option(
+        "--task",
+        help="What of the pose is bound: all of it, the position and the direction of the tool "
+        "axis, or the position alone.",
+    ),
+]
+ToolAxisOption = Annotated[
+    tuple[str, str, str] | None,
+    typer.Option(
+        metavar="X Y Z",
+        show_default=False,
+        help="The tool axis of --task direction, in the tool frame; 0 0 1 unless given.",
     ),
 ]
 JsonOption = Annotated[

@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Mapping
 
+from niryo_jax import interruption
 from niryo_jax.codes import Code
 
 
@@ -20,7 +21,7 @@ class ExitCode(Code):
     MISSING_EXTRA = 5, "an optional package is not installed"
     STORE = 6, "a map's store cannot be used or written"
     OUTPUT = 7, "standard output is closed or full"
-    INTERRUPTED = 130, "interrupted with Ctrl-C"
+    INTERRUPTED = interruption.INTERRUPTED, "interrupted with Ctrl-C"
     PIPE = 141, "the program that read the output ended before its end"
 
 

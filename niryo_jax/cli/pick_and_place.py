@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from niryo_jax import interruption
 from niryo_jax.cli.choice import ArmOption, BaseOption, TipOption, load_arm
 from niryo_jax.cli.console import busy, note_rounding, show_lines, show_table, stderr
 from niryo_jax.cli.options import JsonOption
@@ -101,6 +102,7 @@ def _run(
     planned: Plan, host: str, tool: str, simulated: SimulatedNiryo | None, as_json: bool
 ) -> None:
     """Execute the plan and show what became of it, also where it ends early."""
+    interruption.raise_again()
     progress = StepProgress(planned, simulated)
     failure: Failure | None = None
     try:

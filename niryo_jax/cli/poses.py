@@ -24,8 +24,11 @@ def read_pose(
     *,
     degrees: bool,
     millimetres: bool,
+    only_position: bool = False,
 ) -> Vector:
     """The (4, 4) pose that the arguments of `ik` describe, in metres.
+
+    Where only the position is asked for, the angles may be missing.
 
     Raises:
         typer.BadParameter: none or several descriptions, or one that cannot be read.
@@ -39,11 +42,11 @@ def read_pose(
         pose = _parse_matrix(matrix)
     elif file is not None:
         pose = _load(file)
-    elif not position or rpy is None:
+    elif not position or (rpy is None and not only_position):
         raise typer.BadParameter("X Y Z --rpy R P Y: expected three lengths and three angles")
     else:
         place = finite("X Y Z", numbers(" ".join(position)), 3, "lengths")
-        turn = finite("--rpy R P Y", numbers(" ".join(rpy)), 3, "angles")
+        turn = finite("--rpy R P Y", numbers(" ".join(rpy or "000")), 3, "angles")
         pose = pose_from_rpy([*place, *in_radians(turn, degrees)])
     if millimetres:
         pose[:3, 3] /= 1e3

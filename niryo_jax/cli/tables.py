@@ -49,14 +49,18 @@ def solutions_table(robot: Robot, solutions: IKSolutions, degrees: bool) -> Tabl
         table.add_column(name, justify="right")
     table.add_column("within limits")
     table.add_column("error (m)", justify="right")
+    errors = [solutions.position_error]
+    if solutions.task == "direction":
+        table.add_column("axis off by (rad)", justify="right")
+        errors.append(solutions.rotation_error)
     units = joint_units(robot, degrees)
     decimals = np.where(units == 1.0, 4, 2)
     for slot in np.flatnonzero(np.asarray(solutions.found)):
         shown = zip(np.asarray(solutions.q[slot]) / units, decimals)
         row = [f"{round(float(value), count) + 0.0:.{count}f}" for value, count in shown]
         within = "yes" if solutions.within_limits[slot] else "no"
-        error = f"{float(solutions.position_error[slot]):.0e}"
-        table.add_row(str(slot + 1), *row, within, error)
+        missed = (f"{float(error[slot]):.0e}" for error in errors)
+        table.add_row(str(slot + 1), *row, within, *missed)
     return table
 
 

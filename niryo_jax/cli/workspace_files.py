@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from niryo_jax import interruption
 from niryo_jax import workspace as ws
 from niryo_jax.cli.outcome import ExitCode, Failure
 from niryo_jax.workspace.orientations import rotations_of
@@ -36,6 +37,7 @@ def refusals() -> Generator[None]:
 @contextlib.contextmanager
 def resumable() -> Generator[None]:
     """Say of a map that is interrupted how it goes on."""
+    interruption.raise_again()
     try:
         yield
     except KeyboardInterrupt:

@@ -92,15 +92,19 @@ def inverse_kinematics(
         arm_angle: the same with the arm angle (...,) in place of a joint (`niryo_jax.arm_angle`),
             for seven joints of which axes 1, 2, 3 meet, and 5, 6, 7: what the arm can reach, it
             reaches with any.
-        q_ref: (..., n) joint vectors, radians, for the complete method. Where the arm can move
-            while the tool rests, the one of its infinitely many solutions that is nearest to q_ref
-            stands for them (q_ref itself where it reaches the pose), whole turns considered. Where
-            not given it is one within the joint limits, if there is one.
+        q_ref: (..., n) joint vectors, radians, for the complete method and for tasks. Where the arm
+            can move while the tool rests, the one of its infinitely many solutions that is nearest
+            to q_ref stands for them (q_ref itself where it reaches the pose), whole turns
+            considered. Where not given it is one within the joint limits, if there is one. Of a
+            task, joints that do not matter take q_ref's values, as near as the limits allow; where
+            there are joints to spare, solutions within the limits whose distance to q_ref is least
+            among those about them (a local minimum, of the sum of squares) stand for all others.
         task: what of the pose is bound: "pose", all of it; "direction", the position and one axis
             of the tool; "position", the position alone. Where as many joints matter as the task
             binds (5 or 3), or fewer, and a closed form fits, the answer is complete. Joints that
-            matter to neither are halfway in their range, and the solution is a SELF_MOTION. Where
-            there are more, it is a sample, by "multistart", and `complete` is False.
+            matter to neither (`IKSolutions.free`) are halfway in their range, unless q_ref says
+            where, and the solution is a SELF_MOTION. Where there are more, it is a sample, by
+            "multistart", and `complete` is False.
         tool_axis: (3,) the axis that "direction" binds, in the tool frame, of any length.
         tolerance: a pose that an arm of fewer joints than are bound can take to within this (metres
             and radians) is answered by the nearest pose that it can, and `position_error` and
@@ -146,10 +150,8 @@ def inverse_kinematics(
                 f"task {task!r}: expected method 'complete' or 'multistart' and neither a locked "
                 f"joint nor an arm angle; got method {method!r}"
             )
-        if q_ref is not None:
-            raise ValueError(f"q_ref: expected task 'pose', got {task!r}")
         by_closed_form = None if method is None else method == "complete"
-        return solve_partial(robot, pose, bound, by_closed_form, tolerance)
+        return solve_partial(robot, pose, bound, by_closed_form, tolerance, q_ref)
     if method is None:
         method = "complete" if chosen else method_for(robot)
     check_is_robot(robot)

@@ -1,4 +1,5 @@
-"""Targets of inverse kinematics: poses as they come, made into rigid motions or refused."""
+"""Targets of inverse kinematics: poses as they come, made into rigid motions or refused; and the
+joint vectors that answers are to be near to."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from jax.typing import ArrayLike
 
 from niryo_jax import lanes
 from niryo_jax.lanes import Lanes
-from niryo_jax.lanes.batching import on_lanes
+from niryo_jax.lanes.batching import as_floating, check_shape, on_lanes
 from niryo_jax.lie import se3, so3
 from niryo_jax.tolerances import POSE_ROTATION
 
@@ -71,3 +72,20 @@ def _is_near_rotation(pose: Lanes) -> lanes.Condition:
 
 
 _IDENTITY = lanes.identity(4)
+
+
+def make_reference(q_ref: ArrayLike, pose: jax.Array, joints: int) -> jax.Array:
+    """Reference joint vectors (..., n), one for each pose (..., 4, 4).
+
+    Raises:
+        ValueError: another number of joints, or a batch that is not that of the poses.
+        TypeError: no array of real numbers.
+    """
+    reference = as_floating("q_ref", q_ref)
+    check_shape("q_ref", reference, (joints,))
+    batch = pose.shape[:-2]
+    if jnp.broadcast_shapes(batch, reference.shape[:-1]) != batch:
+        raise ValueError(
+            f"q_ref: expected the batch of the poses, {batch}, got {reference.shape[:-1]}"
+        )
+    return jnp.broadcast_to(reference, (*batch, joints)).astype(pose.dtype)

@@ -69,10 +69,11 @@ def task_of(name: TaskName, tool_axis: ArrayLike | Sequence[float]) -> Task:
     if not is_concrete(tool_axis):
         raise TypeError("tool_axis: expected a concrete vector, got a traced one")
     axis = np.asarray(as_data("tool_axis", tool_axis), float)
-    length = float(np.linalg.norm(axis))
-    if axis.shape != (3,) or not 0 < length < np.inf:
+    largest = float(np.max(np.abs(axis), initial=0.0))
+    if axis.shape != (3,) or not 0 < largest < np.inf:
         raise ValueError(
             f"tool_axis: expected a vector (3,) that is not zero, got {shown(tool_axis)}"
         )
-    unit = tuple(float(x) for x in axis / length)
+    axis = axis / largest  # Whose square is neither too large nor too small for a number.
+    unit = tuple(float(x) for x in axis / np.linalg.norm(axis))
     return Task(name, unit) if name == "direction" else Task(name)

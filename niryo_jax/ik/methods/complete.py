@@ -23,6 +23,7 @@ from niryo_jax.ik.newton.implicit import Held
 from niryo_jax.ik.newton.pose_error import extent
 from niryo_jax.ik.representative import near_reference, within_limits
 from niryo_jax.ik.results.solutions import IKSolutions, map_solutions
+from niryo_jax.ik.target import make_reference
 from niryo_jax.lanes.batching import as_floating, broadcast_batch, check_shape
 from niryo_jax.robot import Robot
 from niryo_jax.structure.closure import (
@@ -179,14 +180,7 @@ def solve_complete(
         values = jnp.broadcast_to(values, batch).astype(pose.dtype)
     reference = None
     if q_ref is not None:
-        reference = as_floating("q_ref", q_ref)
-        check_shape("q_ref", reference, (robot.joints,))
-        batch = pose.shape[:-2]
-        if jnp.broadcast_shapes(batch, reference.shape[:-1]) != batch:
-            raise ValueError(
-                f"q_ref: expected the batch of the poses, {batch}, got {reference.shape[:-1]}"
-            )
-        reference = jnp.broadcast_to(reference, (*batch, robot.joints)).astype(pose.dtype)
+        reference = make_reference(q_ref, pose, robot.joints)
     answer = solve_differentiably(solver, solver.held, robot, pose, values, reference)
     if solver.held != "arm angle":
         answer.remember(functools.partial(near_reference, robot, pose, held=solver.held))

@@ -16,18 +16,24 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from niryo_jax.execution.padding import is_symbolic, one_by_one
 from niryo_jax.ik.methods.complete import solve_complete
 from niryo_jax.ik.methods.multistart import solve_multistart
+from niryo_jax.ik.representative import is_endless
+from niryo_jax.ik.results.assemble import with_other_vectors
 from niryo_jax.ik.results.candidates import JointVectors
 from niryo_jax.ik.results.deduplicate import duplicates
 from niryo_jax.ik.results.limits import Limits, limits_of
 from niryo_jax.ik.results.ranking import rank
-from niryo_jax.ik.results.solutions import IKSolutions
+from niryo_jax.ik.results.solutions import IKSolutions, map_solutions, with_free_joints_at
 from niryo_jax.ik.results.status import Singularity
+from niryo_jax.ik.target import make_reference
 from niryo_jax.ik.task import Task
+from niryo_jax.ik.task_reference import near_task_reference
+from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.robot import Robot
 from niryo_jax.structure.axes import joint_kinds, perpendicular_to, sine_between
-from niryo_jax.tolerances import AXES_MEET, AXES_PARALLEL
+from niryo_jax.tolerances import ANSWERED, AXES_MEET, AXES_PARALLEL
 
 
 class Extended(NamedTuple):
@@ -45,7 +51,12 @@ class Extended(NamedTuple):
 
 
 def solve_partial(
-    robot: Robot, pose: ArrayLike, task: Task, complete: bool | None, tolerance: float
+    robot: Robot,
+    pose: ArrayLike,
+    task: Task,
+    complete: bool | None,
+    tolerance: float,
+    q_ref: ArrayLike | None = None,
 ) -> IKSolutions:
     """`inverse_kinematics` of a task other than "pose".
 
@@ -55,6 +66,7 @@ def solve_partial(
         task: which part.
         complete: whether by the complete method; if it fits where None.
         tolerance: metres and radians by which an arm of fewer joints than are bound may miss.
+        q_ref: (..., n) joint vectors that the solutions are to be near to, where they can choose.
 
     Raises:
         ValueError: a wrong shape, an arm that the complete method does not fit where it is asked
@@ -62,16 +74,52 @@ def solve_partial(
         TypeError: a traced robot.
     """
     extended = extended_arm(robot, task)
-    fits = bool(extended.robot.plans) or extended.robot.offset_wrist is not None
-    fits = fits and extended.robot.joints <= 6
+    fits = is_solved_completely(robot, task)
     if complete and not fits:
         raise ValueError(
             f"method 'complete' for task {task.name!r} needs an arm of which as many joints matter "
             f"as the task binds ({task.bound}) or fewer, and that a closed form solves with "
             f"those it leaves; {robot.name} is no such arm"
         )
-    if not fits or complete is False:
-        return solve_multistart(robot, pose, task=task, tolerance=tolerance)
+    pose = as_floating("pose", pose)
+    check_shape("pose", pose, (4, 4))
+    reference = None if q_ref is None else make_reference(q_ref, pose, robot.joints)
+
+    def solve(pose: jax.Array, *reference: jax.Array) -> IKSolutions:
+        endless = None
+        if not fits or complete is False:
+            answer = solve_multistart(robot, pose, task=task, tolerance=tolerance)
+            answer = _with_free_halfway(dataclasses.replace(answer, free=extended.free))
+        else:
+            own = own_solutions(robot, pose, task, tolerance)
+            answer, endless = _with_free_named(own), is_endless(own)
+        near = functools.partial(near_task_reference, robot, pose, task, endless)
+        if reference:
+            answer = near(answer, *reference)
+        else:
+            answer.remember(near)
+        return answer
+
+    if reference is None:
+        return solve(pose)
+    if is_symbolic(pose.shape[:-2]):
+        return one_by_one(solve, [pose, reference], pose.shape[:-2], map_solutions)
+    return solve(pose, reference)
+
+
+def is_solved_completely(robot: Robot, task: Task) -> bool:
+    """Whether as many joints of a concrete arm matter as are bound, or fewer, and a closed form
+    fits."""
+    arm = extended_arm(robot, task).robot
+    return arm.joints <= 6 and (bool(arm.plans) or arm.offset_wrist is not None)
+
+
+def own_solutions(
+    robot: Robot, pose: jax.Array, task: Task, tolerance: float = ANSWERED
+) -> IKSolutions:
+    """All solutions of an arm that `is_solved_completely`, in its joints, singular as if those that
+    do not matter were not there."""
+    extended = extended_arm(robot, task)
     answer = solve_complete(extended.robot, pose, tolerance=tolerance)
     limits = limits_of(robot.lower, robot.upper, answer.q.dtype)
     return _of_own_joints(answer, extended.own, extended.free, task, limits)
@@ -142,18 +190,16 @@ def _of_own_joints(
         found = found & ~duplicates(own_q, found, answer.periodic[: len(own)])
         slots //= 2
         turned = jnp.zeros_like(answer.rotation_error)
-    bounded = jnp.isfinite(lower) & jnp.isfinite(upper)
-    rest = jnp.clip(jnp.where(bounded, 0.5 * (lower + upper), 0.0), lower, upper)
-    q = jnp.broadcast_to(rest, (*found.shape, len(rest))).at[..., np.array(own, int)].set(own_q)
+    q = (
+        jnp.broadcast_to(_halfway(limits), (*found.shape, len(lower)))
+        .at[..., np.array(own, int)]
+        .set(own_q)
+    )
     periodic = list(answer.periodic[: len(own)])
     for joint in free:
         periodic.insert(joint, True)
-    singularity = answer.singularity
-    if free:
-        regular = singularity == Singularity.NONE
-        singularity = jnp.where(regular, jnp.int32(Singularity.SELF_MOTION), singularity)
     errors = answer.position_error, turned
-    vectors = JointVectors(q, found, *errors, answer.label, singularity)
+    vectors = JointVectors(q, found, *errors, answer.label, answer.singularity)
     ranked = rank(vectors, limits, tuple(periodic), slots)
     return dataclasses.replace(
         answer,
@@ -163,4 +209,31 @@ def _of_own_joints(
         upper=upper,
         periodic=tuple(periodic),
         task=task.name,
+        free=free,
     )
+
+
+def _halfway(limits: Limits) -> jax.Array:
+    """(n,) the middle of each joint's range, or 0 where it has none."""
+    lower, upper = limits
+    bounded = jnp.isfinite(lower) & jnp.isfinite(upper)
+    return jnp.clip(jnp.where(bounded, 0.5 * (lower + upper), 0.0), lower, upper)
+
+
+@jax.jit
+def _with_free_halfway(answer: IKSolutions) -> IKSolutions:
+    """The different ones of solutions in which joints that do not matter were anywhere."""
+    if not answer.free:
+        return answer
+    placed = with_free_joints_at(answer, _halfway((answer.lower, answer.upper)))
+    found = placed.found & ~duplicates(placed.q, placed.found, placed.periodic)
+    errors = placed.position_error, placed.rotation_error
+    vectors = JointVectors(placed.q, found, *errors, placed.label, placed.singularity)
+    return with_other_vectors(placed, vectors)
+
+
+def _with_free_named(answer: IKSolutions) -> IKSolutions:
+    """The answer, in which joints that do not matter are a reason for infinitely many solutions."""
+    regular = answer.found & (answer.singularity == Singularity.NONE)
+    named = jnp.where(regular, jnp.int32(Singularity.SELF_MOTION), answer.singularity)
+    return dataclasses.replace(answer, singularity=named) if answer.free else answer

@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import math
 import operator
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -17,10 +18,15 @@ from niryo_jax._jax import is_concrete
 from niryo_jax.arguments import check_number
 from niryo_jax.execution.padding import program_size
 from niryo_jax.ik.methods.complete import solve_complete
+from niryo_jax.ik.methods.partial import is_solved_completely, own_solutions
+from niryo_jax.ik.paths.glide import glide
+from niryo_jax.ik.paths.words import beyond_limits, too_far
 from niryo_jax.ik.representative import is_endless, near_reference
 from niryo_jax.ik.results.limits import limit_margin, without_whole_turns
-from niryo_jax.ik.results.solutions import IKSolutions, map_solutions
+from niryo_jax.ik.results.solutions import IKSolutions, map_solutions, with_free_joints_at
 from niryo_jax.ik.results.status import Singularity
+from niryo_jax.ik.task import Task, TaskName, task_of
+from niryo_jax.ik.task_reference import near_task_reference
 from niryo_jax.lanes.batching import as_floating
 from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.tolerances import BRANCHES_MEET, LIMIT_ROUNDING, PATH_SHARE
@@ -38,8 +44,9 @@ class JointPath:
         q: (k, n) radians; after the end of the branch, the last joint vector that is right
             (q_start where there is none).
         ok: (k,) True up to the end of the branch, False from there on.
-        label: (k,) the label of the solution (`IKSolutions.label`), -1 where not ok. It changes
-            where the path leads through a singularity to the other side.
+        label: (k,) the label of the solution (`IKSolutions.label`), -1 where not ok, and of tasks
+            with joints to spare. It changes where the path leads through a singularity to the other
+            side.
         message: that the whole path was followed, or at which sample it ends and why; static.
     """
 
@@ -50,7 +57,13 @@ class JointPath:
 
 
 def follow(
-    robot: Robot, poses: ArrayLike, q_start: ArrayLike, *, largest_step: float = 0.5
+    robot: Robot,
+    poses: ArrayLike,
+    q_start: ArrayLike,
+    *,
+    largest_step: float = 0.5,
+    task: TaskName = "pose",
+    tool_axis: ArrayLike | Sequence[float] = (0.0, 0.0, 1.0),
 ) -> JointPath:
     """Follow the branch of solutions that begins near a joint vector along a path of poses.
 
@@ -65,22 +78,33 @@ def follow(
     sample where infinitely many solutions exist (`Singularity`) it is the one nearest to where the
     last step leads.
 
+    With a `task` that has a complete answer all this holds of what is bound, and joints that do not
+    matter stay where q_start has them. Where the task leaves joints to spare there are no branches:
+    each sample is reached from the last by the change whose sum of squares is least, within the
+    limits (a local minimum: what is free moves no more than it must; whether the whole path would
+    be shorter, or go further, from another start or by larger changes at first is not looked at).
+    The path ends where Newton's method from the last sample finds nothing; `label` is then -1.
+
     Args:
-        robot: an arm that the complete method of `inverse_kinematics` fits.
+        robot: an arm that the complete method of `inverse_kinematics` fits; for a task, any.
         poses: (k, 4, 4) targets in the space frame, metres, in the order of the path.
         q_start: (n,) a joint vector near the first solution wanted, radians.
         largest_step: no joint moves by more than this between samples that are ok, nor from q_start
             to the first of them; radians.
+        task: what of the poses is bound, as for `inverse_kinematics`: "pose", "direction" or
+            "position".
+        tool_axis: (3,) the axis that "direction" binds, in the tool frame.
 
     Returns:
         A `JointPath`. Nothing is raised for a pose that cannot be solved: `ok` and `message` tell.
 
     Raises:
         ValueError: a wrong shape, a joint vector that is not finite, a step not in (0, pi], an arm
-            that the method does not fit.
+            that the method does not fit, an unknown task, a tool axis without direction.
         TypeError: traced arrays: the message depends on their values.
     """
     check_is_robot(robot)
+    bound = task_of(task, tool_axis)
     poses, start = as_floating("poses", poses), as_floating("q_start", q_start)
     if poses.ndim != 3 or poses.shape[1:] != (4, 4):
         raise ValueError(f"poses: expected shape (k, 4, 4), got {poses.shape}")
@@ -96,22 +120,49 @@ def follow(
         raise ValueError(f"q_start: expected finite numbers, got {start}")
 
     count = len(path)
-    solutions, walk = _continued(robot, path, start, largest_step)
-    followed = int(np.sum(walk.ok))
-    if followed >= count:
-        message = f"The whole path was followed, all {count} samples."
+    if bound.name == "pose" or is_solved_completely(robot, bound):
+        arm = _Arm(robot, bound, start)
+        solutions, walk = _continued(arm, path, largest_step)
+        walk = _Walk(*(x[:count] for x in walk))
+        followed = int(np.sum(walk.ok))
+        branch = _Branch(arm, path, solutions, walk, largest_step)
+        reason = _reason(branch, followed) if followed < count else ""
     else:
-        branch = _Branch(robot, path, solutions, start, walk, largest_step)
-        message = f"The branch ends at sample {followed} of 0 to {count - 1}: "
-        message += _reason(branch, followed)
-    return JointPath(walk.q[:count], walk.ok[:count], walk.label[:count], message)
+        q, ok, reason = glide(robot, path, start, bound, largest_step)
+        walk = _Walk(jnp.asarray(q), jnp.asarray(ok), jnp.full(count, -1, jnp.int32))
+        followed = int(np.sum(ok))
+    message = f"The whole path was followed, all {count} samples."
+    if followed < count:
+        message = f"The branch ends at sample {followed} of 0 to {count - 1}: {reason}"
+    return JointPath(*walk, message)
 
 
-def _continued(
-    robot: Robot, path: np.ndarray, start: np.ndarray, largest_step: float
-) -> tuple[IKSolutions, _Walk]:
+class _Arm(NamedTuple):
+    """An arm that has complete answers to a task, and what its path begins near."""
+
+    robot: Robot
+    task: Task
+    start: np.ndarray
+
+    def solve(self, poses: np.ndarray) -> IKSolutions:
+        """All solutions; joints that do not matter are as at the start."""
+        if self.task.name == "pose":
+            return solve_complete(self.robot, poses)
+        solutions = own_solutions(self.robot, jnp.asarray(poses), self.task)
+        return with_free_joints_at(solutions, jnp.asarray(self.start))
+
+    def near(self, pose: np.ndarray, one: IKSolutions, q: jax.Array) -> IKSolutions:
+        """The solutions of one pose, of self-motions those nearest to q (n,)."""
+        if self.task.name == "pose":
+            return near_reference(self.robot, jnp.asarray(pose), one, q)
+        endless = is_endless(one)
+        return near_task_reference(self.robot, jnp.asarray(pose), self.task, endless, one, q)
+
+
+def _continued(arm: _Arm, path: np.ndarray, largest_step: float) -> tuple[IKSolutions, _Walk]:
     """All solutions of a path, of self-motions those by which the branch goes on; and the walk."""
-    solutions = solve_complete(robot, _padded(path))
+    start = arm.start
+    solutions = arm.solve(_padded(path))
     walk = _walk(solutions, start, np.zeros_like(start), largest_step)
     for sample in np.nonzero(np.asarray(is_endless(solutions)).any(axis=-1))[0].tolist():
         if int(np.sum(walk.ok)) < sample:
@@ -119,7 +170,7 @@ def _continued(
         before = np.concatenate([[start, start], walk.q[max(0, sample - 2) : sample]])[-2:]
         expected = jnp.asarray(2 * before[1] - before[0])
         one = map_solutions(operator.itemgetter(sample), solutions)
-        one = near_reference(robot, jnp.asarray(path[sample]), one, expected)
+        one = arm.near(path[sample], one, expected)
         solutions = map_solutions(functools.partial(_with, sample), solutions, one)
         walk = _walk(solutions, start, np.zeros_like(start), largest_step)
     return solutions, walk
@@ -194,32 +245,25 @@ def _apart(a: jax.Array, b: jax.Array, periodic: tuple[bool, ...]) -> jax.Array:
 class _Branch(NamedTuple):
     """All that is known where a branch ends."""
 
-    robot: Robot
+    arm: _Arm
     path: np.ndarray
     solutions: IKSolutions
-    start: np.ndarray
     walk: _Walk
     largest_step: float
 
 
 def _reason(branch: _Branch, end: int) -> str:
     """Why sample `end` does not continue the branch, in words."""
-    solutions, robot = branch.solutions, branch.robot
+    solutions, robot = branch.solutions, branch.arm.robot
     if int(solutions.count[end]) == 0:
         return solutions.message(end)
     before = np.asarray(branch.walk.q[max(0, end - 2) : end])
-    q = before[-1] if end else branch.start
+    q = before[-1] if end else branch.arm.start
     moved = before[-1] - before[0] if end else np.zeros_like(q)
     slot, change, near = _nearest(solutions, end, q, moved, branch.largest_step)
     if near:
-        return _beyond_limits(robot, q + change) or _between(branch, end, q, moved)
-    joint = int(np.argmax(np.abs(change)))
-    origin = f"sample {end - 1}" if end else "q_start"
-    words = (
-        f"the nearest solution is {np.max(np.abs(change)):.3f} rad from {origin} in "
-        f"{robot.joint_names[joint]}, farther than the largest step of "
-        f"{branch.largest_step:.3f} rad."
-    )
+        return beyond_limits(robot, q + change) or _between(branch, end, q, moved)
+    words = too_far(robot, change, end, branch.largest_step)
     singularity = Singularity(int(solutions.singularity[end, slot]))
     if singularity is not Singularity.NONE:
         return f"{words} {singularity.message}"
@@ -242,32 +286,17 @@ def _nearest(
     return slot, change[slot], bool(near[slot])
 
 
-def _beyond_limits(robot: Robot, q: np.ndarray) -> str:
-    """Which joint is farthest beyond its limit and by how much; empty where none is."""
-    lower, upper = np.asarray(robot.lower), np.asarray(robot.upper)
-    excess = np.maximum(lower - q, q - upper)
-    joint = int(np.argmax(excess))
-    if excess[joint] <= LIMIT_ROUNDING.of(q.dtype):
-        return ""
-    limit = (lower if q[joint] < lower[joint] else upper)[joint]
-    return (
-        f"the branch leaves the joint limits: {robot.joint_names[joint]} would be at "
-        f"{math.degrees(q[joint]):.4g} deg, {math.degrees(excess[joint]):.3g} deg beyond its limit "
-        f"of {math.degrees(limit):.4g} deg."
-    )
-
-
 def _between(branch: _Branch, end: int, q: np.ndarray, moved: np.ndarray) -> str:
     """What becomes of the branch between samples `end - 1` and `end`, in words.
 
     It is followed in ever smaller steps along poses between the two.
     """
-    robot, largest_step = branch.robot, branch.largest_step
+    arm, largest_step = branch.arm, branch.largest_step
     place, width, other = 0.0, 1.0, math.inf
     for _ in range(_FINER_ROUNDS):
         width = min(width, 1.0 - place)
         fractions = place + width * np.arange(1, _FINER + 1) / _FINER
-        solutions = solve_complete(robot, _blend(branch.path[end - 1], branch.path[end], fractions))
+        solutions = arm.solve(_blend(branch.path[end - 1], branch.path[end], fractions))
         walk = _walk(solutions, q, moved * width / _FINER, largest_step)
         steps = int(np.sum(walk.ok))
         place += width * steps / _FINER
@@ -285,7 +314,7 @@ def _between(branch: _Branch, end: int, q: np.ndarray, moved: np.ndarray) -> str
             width *= _FINER
             continue
         _, change, near = _nearest(solutions, steps, q, moved * width / _FINER, largest_step)
-        if near and (words := _beyond_limits(robot, q + change)):
+        if near and (words := beyond_limits(arm.robot, q + change)):
             return f"Between the two samples {words}"
         width /= _FINER
         if width < PATH_SHARE:

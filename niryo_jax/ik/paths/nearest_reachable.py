@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,11 +11,13 @@ from jax.typing import ArrayLike
 
 from niryo_jax._jax import is_concrete
 from niryo_jax.ik.methods.complete import solve_complete
+from niryo_jax.ik.methods.partial import solve_partial
 from niryo_jax.ik.results.status import IKStatus
+from niryo_jax.ik.task import Task, TaskName, task_of
 from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.structure.offset_wrist import OffsetWristArm, offset_wrist_arm
-from niryo_jax.tolerances import REACH_EDGE
+from niryo_jax.tolerances import ANSWERED, REACH_EDGE
 
 _COARSE = 64
 _FINE = 16
@@ -21,7 +25,12 @@ _GROUPS = (4, 128)
 
 
 def nearest_reachable(
-    robot: Robot, pose: ArrayLike, *, within_limits: bool = True
+    robot: Robot,
+    pose: ArrayLike,
+    *,
+    within_limits: bool = True,
+    task: TaskName = "pose",
+    tool_axis: ArrayLike | Sequence[float] = (0.0, 0.0, 1.0),
 ) -> tuple[jax.Array, jax.Array]:
     """Move poses that cannot be reached along the line to the shoulder until they can.
 
@@ -36,20 +45,28 @@ def nearest_reachable(
     is reachable there is shorter than a step (1/32 of the arm's length; 15 mm for the
     Niryo One).
 
+    With a `task`, a pose is reachable where what is bound of it is. Where the task leaves joints to
+    spare that is what `inverse_kinematics` finds from many guesses: the edge is then where it finds
+    nothing more, and may lie further out.
+
     Args:
         robot: an arm that the complete method of `inverse_kinematics` fits.
         pose: (..., 4, 4) targets in the space frame, metres.
         within_limits: whether the joint limits count.
+        task: what of the pose is bound, as for `inverse_kinematics`.
+        tool_axis: (3,) the axis that "direction" binds, in the tool frame.
 
     Returns:
         (..., 4, 4) poses, those that are reachable unchanged, and (...,) whether they are
         reachable. Where none was found, or the given one is not a rigid motion, it is returned.
 
     Raises:
-        ValueError: a wrong shape, an arm that the method does not fit.
+        ValueError: a wrong shape, an arm that the method does not fit, an unknown task, a tool axis
+            without direction.
         TypeError: traced arrays.
     """
     check_is_robot(robot)
+    bound = task_of(task, tool_axis)
     pose = as_floating("pose", pose)
     check_shape("pose", pose, (4, 4))
     if not is_concrete(pose):
@@ -64,26 +81,38 @@ def nearest_reachable(
             f"3 are parallel, 4 and 5 meet; {robot.name} is not such an arm"
         )
     given = np.asarray(pose).reshape(-1, 4, 4)
-    ok, valid = _solved(robot, given, within_limits)
+
+    def solved(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return _solved(robot, poses, within_limits, bound)
+
+    ok, valid = solved(given)
     moved = given.copy()
     lost = np.flatnonzero(valid & ~ok)
     while len(lost):
         some, lost = lost[: _GROUPS[-1]], lost[_GROUPS[-1] :]
-        moved[some], ok[some] = _brought_near(robot, arm, given[some], within_limits)
+        moved[some], ok[some] = _brought_near(robot, arm, given[some], solved)
     batch = pose.shape[:-2]
     return jnp.asarray(moved.reshape(*batch, 4, 4)), jnp.asarray(ok.reshape(batch))
 
 
-def _solved(robot: Robot, poses: np.ndarray, within_limits: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Whether poses (..., 4, 4) are reachable, and whether they are rigid motions."""
-    answer = solve_complete(robot, poses)
+Solved = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Whether poses (..., 4, 4) are reachable, and whether they are rigid motions."""
+
+
+def _solved(
+    robot: Robot, poses: np.ndarray, within_limits: bool, task: Task
+) -> tuple[np.ndarray, np.ndarray]:
+    if task.name == "pose":
+        answer = solve_complete(robot, poses)
+    else:
+        answer = solve_partial(robot, poses, task, None, ANSWERED)
     status, count = np.asarray(answer.status), np.asarray(answer.count)
     reachable = status == IKStatus.SOLVED if within_limits else count > 0
     return np.asarray(reachable), np.asarray(status != IKStatus.INVALID_POSE)
 
 
 def _brought_near(
-    robot: Robot, arm: OffsetWristArm, given: np.ndarray, within_limits: bool
+    robot: Robot, arm: OffsetWristArm, given: np.ndarray, solved: Solved
 ) -> tuple[np.ndarray, np.ndarray]:
     """The answer for a few poses (m, 4, 4) that are not reachable."""
     targets = len(given)
@@ -104,7 +133,7 @@ def _brought_near(
 
     def first(radii: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The first of distances (m, s) that is reachable, and whether any is."""
-        good = _solved(robot, at(radii), within_limits)[0]
+        good = solved(at(radii))[0]
         best = np.argmax(good, axis=1)[:, None]
         return np.take_along_axis(radii, best, axis=1)[:, 0], np.any(good, axis=1)
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax.numpy as jnp
 
+from niryo_jax.ik.results.candidates import JointVectors
 from niryo_jax.ik.results.limits import Limits
-from niryo_jax.ik.results.ranking import Answer
+from niryo_jax.ik.results.ranking import Answer, rank
 from niryo_jax.ik.results.solutions import IKSolutions
 from niryo_jax.ik.results.status import IKStatus, UnreachableReason
 from niryo_jax.ik.target import Target
@@ -39,7 +42,7 @@ def assemble(
     )
     unreachable = status == IKStatus.UNREACHABLE
     return IKSolutions(
-        **solutions.as_fields(),
+        **solutions.as_fields(),  # pyright: ignore[reportArgumentType]
         status=status,
         unreachable_reason=jnp.where(unreachable, answer.unreachable, UnreachableReason.NONE),
         complete=answer.proved & target.valid,
@@ -49,4 +52,20 @@ def assemble(
         upper=limits[1],
         periodic=periodic,
         task=task,
+    )
+
+
+def with_other_vectors(answer: IKSolutions, vectors: JointVectors) -> IKSolutions:
+    """The answer with other joint vectors in its slots, ranked again."""
+    slots = answer.found.shape[-1]
+    ranked = rank(vectors, (answer.lower, answer.upper), answer.periodic, slots)
+    count = jnp.sum(ranked.found, axis=-1, dtype=jnp.int32)
+    some = (count > 0) & (answer.status == IKStatus.UNDECIDED)
+    status = jnp.where(some, jnp.int32(IKStatus.OUTSIDE_LIMITS), answer.status)
+    within = jnp.any(ranked.within, axis=-1)
+    return dataclasses.replace(
+        answer,
+        **ranked.as_fields(),  # pyright: ignore[reportArgumentType]
+        count=count,
+        status=jnp.where(within, jnp.int32(IKStatus.SOLVED), status),
     )

@@ -54,6 +54,7 @@ class IKSolutions:
         lower, upper: (n,) the joint limits used.
         periodic: n flags, True for a joint that returns to its place after 2 pi; static.
         task: what of the pose was bound (`niryo_jax.ik.task`); static.
+        free: the joints of which no value matters to the task; static.
 
     Solutions within the limits come first, those with the largest margin to the limits
     before the others. Where a pose misses what an arm of fewer joints can do by less than the
@@ -76,6 +77,7 @@ class IKSolutions:
     upper: jax.Array
     periodic: tuple[bool, ...] = dataclasses.field(metadata={"static": True})
     task: TaskName = dataclasses.field(default="pose", metadata={"static": True})
+    free: tuple[int, ...] = dataclasses.field(default=(), metadata={"static": True})
 
     def map(self, function: Callable[[jax.Array], jax.Array]) -> IKSolutions:
         """The answers with a function applied to every array that has the batch axes in front.
@@ -124,14 +126,15 @@ class IKSolutions:
         Where the arm can move while the tool rests, infinitely many solutions are considered, and
         q_ref itself is the nearest where it reaches the pose. An answer knows of these as
         `inverse_kinematics` returned it; one that went through a transformation of JAX has no more
-        than its slots, and there `inverse_kinematics(..., q_ref=...)` looks at all of them.
+        than its slots, and there `inverse_kinematics(..., q_ref=...)` looks at all of them. Joints
+        that do not matter to the task (`free`) always take the values of q_ref, within the limits.
 
         Args:
             q_ref: (..., n) reference joint vectors, radians.
 
         Returns:
-            (..., n) the joint vectors whose largest joint difference from q_ref is least, and
-            (...,) whether there is one; where there is none, q_ref is returned.
+            (..., n) the joint vectors whose largest joint difference from q_ref is least, of joints
+            that matter, and (...,) whether there is one; where there is none, q_ref is returned.
         """
         reference = as_floating("q_ref", q_ref).astype(self.q.dtype)
         check_shape("q_ref", reference, (self.q.shape[-1],))
@@ -149,9 +152,9 @@ class IKSolutions:
         object.__setattr__(self, "_along", along)
 
 
-def _static_fields(text: bytes | bytearray) -> tuple[tuple[bool, ...], TaskName]:
-    periodic, task = json.loads(text)
-    return tuple(periodic), task
+def _static_fields(text: bytes | bytearray) -> tuple[tuple[bool, ...], TaskName, tuple[int, ...]]:
+    periodic, task, free = json.loads(text)
+    return tuple(periodic), task, tuple(free)
 
 
 jax.export.register_pytree_node_serialization(
@@ -167,17 +170,31 @@ def map_solutions(function: Callable[..., jax.Array], *parts: IKSolutions) -> IK
     batched = {
         field.name: function(*(getattr(part, field.name) for part in parts))
         for field in dataclasses.fields(IKSolutions)
-        if field.name not in ("lower", "upper", "periodic", "task")
+        if field.name not in ("lower", "upper", "periodic", "task", "free")
     }
     return dataclasses.replace(parts[0], **batched)
 
 
+def with_free_joints_at(solutions: IKSolutions, q_ref: jax.Array) -> IKSolutions:
+    """The solutions, with the joints that do not matter as near to those of joint vectors (..., n),
+    one for each pose, as the limits let them be."""
+    if not solutions.free:
+        return solutions
+    free = np.isin(np.arange(solutions.q.shape[-1]), solutions.free)
+    placed = jnp.clip(q_ref, solutions.lower, solutions.upper)[..., None, :]
+    q = jnp.where(solutions.found[..., None] & free, placed, solutions.q)
+    return dataclasses.replace(solutions, q=q)
+
+
 @jax.jit
 def _nearest(solutions: IKSolutions, reference: jax.Array) -> tuple[jax.Array, jax.Array]:
+    solutions = with_free_joints_at(solutions, reference)
     target = reference[..., None, :]
     limits = solutions.lower, solutions.upper
     turned = nearest_turn(solutions.q, target, *limits, solutions.periodic)
-    distance = jnp.max(jnp.abs(turned - target), axis=-1)
+    # A joint that does not matter is as far from a reference beyond its limits in every solution.
+    matters = ~np.isin(np.arange(turned.shape[-1]), solutions.free)
+    distance = jnp.max(jnp.abs(turned - target), axis=-1, where=matters, initial=0.0)
     distance = jnp.where(solutions.within_limits & jnp.isfinite(distance), distance, jnp.inf)
     best = jnp.argmin(distance, axis=-1)[..., None]
     ok = jnp.isfinite(jnp.take_along_axis(distance, best, axis=-1))[..., 0]
