@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from support import random_robot
 
 import niryo_jax as nj
+from benchmarks import honesty
 from niryo_jax.ik import IKStatus
 from niryo_jax.ik.complete.general_arm import are_proved, solve_general_arm
 from niryo_jax.ik.general.isolation import FAR, UNBOUNDED, Roots, isolated
@@ -65,6 +66,23 @@ def test_the_joint_vector_that_made_a_pose_is_found(name, size):
     assert not np.any(answer.status == IKStatus.UNREACHABLE)
     # Solutions of an arm with six revolute joints come and go in pairs.
     assert np.all(np.asarray(answer.count)[np.asarray(answer.complete)] % 2 == 0)
+
+
+@pytest.mark.parametrize(("name", "size"), [("random", 0.0), ("abb_irb120", 1e-6)])
+def test_errors_are_those_of_the_joint_vectors_next_to_singular_postures(name, size):
+    robot = solved(name, size)[0]
+    case = honesty.Case(name, robot, searched=True)
+    q = honesty.joint_vectors(case, 4 * POSES, np.random.default_rng(5))[:POSES]
+    pose = posed(robot, q)
+    answer = nj.inverse_kinematics(robot, pose)
+    check_closes(robot, answer, pose)
+    found = np.asarray(answer.found)
+    assert np.mean(np.any(found, axis=1)) >= 0.95
+    reached = posed(robot, np.asarray(answer.q)[found])
+    wanted = np.broadcast_to(pose[:, None], (*found.shape, 4, 4))[found]
+    missed = np.linalg.norm(reached[:, :3, 3] - wanted[:, :3, 3], axis=1)
+    said = np.asarray(answer.position_error)[found]
+    np.testing.assert_array_less(missed, said + 1e-13)
 
 
 @pytest.mark.parametrize(("name", "size"), [("random", 0.0), ("ur16e", 1e-3)])

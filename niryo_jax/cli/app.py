@@ -26,6 +26,7 @@ _MODULES = {
     "describe": "arms",
     "robots": "arms",
     "workspace": "workspace",
+    "calibrate": "calibrate",
 }
 
 # Negative numbers look like options to the parser; whatever is no option is left to the arguments.

@@ -157,26 +157,29 @@ def _solved(
 def _improved(
     geometry: Geometry, goal: jax.Array, q: jax.Array, steps: jax.Array, small: bool
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Joint vectors (6, r) after so many steps of Newton's method at most, and by how many metres
-    and radians they miss."""
+    """The best of joint vectors (6, r) and of where so many steps of Newton's method less one lead,
+    and by how many metres and radians they miss: where solutions merge a step can lead away."""
     its = lanes.contiguous_lanes(goal, 2)
     newton_step = _rolled_step if small else _written_out_step
     tolerance = IK_POLISH.of(q.dtype)
 
     def step(state: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
-        count, q, *_ = state
+        count, q, *best = state
         move, position, rotation = newton_step(geometry, its, q)
-        done = (position <= tolerance) & (rotation <= tolerance)
+        better = position + rotation < best[1] + best[2]
+        best = [jnp.where(better, x, y) for x, y in zip((q, position, rotation), best)]
+        done = (best[1] <= tolerance) & (best[2] <= tolerance)
         moved = q + jnp.clip(move, -_LARGEST_STEP, _LARGEST_STEP)
-        return count + 1, jnp.where(done, q, moved), position, rotation
+        return count + 1, jnp.where(done, q, moved), *best
 
     far = jnp.full(q.shape[1], jnp.inf, q.dtype)
 
     def goes_on(state: tuple[jax.Array, ...]) -> jax.Array:
-        count, _, position, rotation = state
+        count, *_, position, rotation = state
         return (count < steps) & jnp.any((position > tolerance) | (rotation > tolerance))
 
-    _, q, position, rotation = jax.lax.while_loop(goes_on, step, (jnp.int32(0), q, far, far))
+    start = jnp.int32(0), q, q, far, far
+    _, _, q, position, rotation = jax.lax.while_loop(goes_on, step, start)
     return lanes.materialise(Lane(q)).array, position, rotation
 
 
