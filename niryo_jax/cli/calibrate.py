@@ -26,9 +26,7 @@ class LossChoice(StrEnum):
 
 
 def calibrate(
-    file: Annotated[
-        Path, typer.Argument(help="Measurements, comma-separated: docs/calibration.md")
-    ],
+    file: Annotated[Path, typer.Argument(help="A table of measurements: docs/calibration.md.")],
     robot: ArmOption = "niryo_one",
     base: BaseOption = None,
     tip: TipOption = None,
@@ -52,22 +50,26 @@ def calibrate(
 ) -> None:
     """Estimate what an arm is from what was measured of it: offsets, gears, axes, tool and base."""
     arm = load_arm(robot, base, tip)
-    table = read_measurements(file, arm)
-    found = fit(
-        arm,
-        table.q,
-        table.measured,
-        [word.strip() for word in parameters.split(",") if word.strip()],
-        loss=loss.value,
-        sigma=(sigma[0] * 1e-3, sigma[1] * 1e-3),
-        hold=hold or (),
-        redundant="hold" if keep_redundant else "refuse",
-    )
+    try:
+        table = read_measurements(file, arm)
+        found = fit(
+            arm,
+            table.q,
+            table.measured,
+            [word.strip() for word in parameters.split(",") if word.strip()],
+            loss=loss.value,
+            sigma=(sigma[0] * 1e-3, sigma[1] * 1e-3),
+            hold=hold or (),
+            redundant="hold" if keep_redundant else "refuse",
+        )
+    except (ValueError, OSError) as error:
+        raise typer.BadParameter(str(error)) from error
     if as_json:
         print_json(_document(found))
         return
     show_lines(found.message)
-    shown = new_table("Parameters; turns in mrad, shifts in mm, gears in thousandths")
+    show_lines("Turns in mrad, shifts in mm, gears in thousandths; ± one standard deviation:")
+    shown = new_table("Parameters")
     for head in ("parameter", "value", "±"):
         shown.add_column(head, justify="left" if head == "parameter" else "right", no_wrap=True)
     for name, value, deviation in zip(found.names, found.values, found.deviations):
