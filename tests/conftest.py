@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib.metadata
 import json
 import os
@@ -33,7 +34,13 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 jax.config.update("jax_enable_x64", True)  # float32 is tested through float32 inputs
 if cache := os.environ.get("JAX_COMPILATION_CACHE_DIR"):
     jax.config.update("jax_compilation_cache_dir", cache)
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 1.0)
+    # What two workers both need is compiled by one of them.
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+# A twentieth of all time each: collecting what traces leave, most of which stays; where operations
+# of a program come from.
+gc.freeze()
+gc.set_threshold(100_000, 50, 100)
+jax.config.update("jax_traceback_in_locations_limit", 0)
 
 FAST = frozenset(
     f"test_{name}"

@@ -307,15 +307,19 @@ def unpacked(*arrays):
 SHAPES = [(6, 6), (3, 6), (6, 8), (6, 4)]
 
 
-def solver(dtype, damping):
-    tolerance = max(1e-12, eps(dtype))
+def solution(matrix, rhs, damping):
+    tolerance = max(1e-12, eps(matrix.dtype))
+    a, b = lanes.unpack(matrix, 2), lanes.unpack(rhs)
+    return lanes.pack(lanes.solve(a, b, damping, tolerance), matrix.shape[:-2], matrix.dtype)
 
-    @jax.jit
-    def solve(matrix, rhs):
-        a, b = lanes.unpack(matrix, 2), lanes.unpack(rhs)
-        return lanes.pack(lanes.solve(a, b, damping, tolerance), matrix.shape[:-2], dtype)
 
-    return solve
+solve = jax.jit(solution, static_argnums=2)
+
+
+@jax.jit
+def damped(matrix, rhs, damping):
+    """One program for all dampings."""
+    return solution(matrix, rhs, Lane(damping))
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
@@ -323,7 +327,7 @@ def solver(dtype, damping):
 def test_solve_is_the_pseudo_inverse_of_a_matrix_of_full_rank(rng, shape, dtype):
     matrix = rng.standard_normal((100, *shape)).astype(dtype)
     rhs = rng.standard_normal((100, shape[0])).astype(dtype)
-    x = np.asarray(solver(dtype, 0.0)(matrix, rhs))
+    x = np.asarray(solve(matrix, rhs, 0.0))
     assert x.dtype == dtype
     inverse = np.linalg.pinv(matrix.astype(float))
     truth = np.einsum("nij,nj->ni", inverse, rhs)
@@ -337,12 +341,13 @@ def test_damping_shortens_the_solution_and_vanishes_with_its_square(rng, shape):
     matrix = rng.standard_normal((100, *shape))
     rhs = rng.standard_normal((100, shape[0]))
     lengths = [
-        np.linalg.norm(solver(np.float64, damping)(matrix, rhs), axis=1).max()
+        np.linalg.norm(damped(matrix, rhs, damping), axis=1).max()
         for damping in (0.0, 1.0, 10.0, 1000.0)
     ]
     assert lengths == sorted(lengths, reverse=True)
     assert lengths[-1] < 1e-3
-    exact, near, nearer = (solver(np.float64, d)(matrix, rhs) for d in (0.0, 2e-4, 1e-4))
+    exact = solve(matrix, rhs, 0.0)
+    near, nearer = (damped(matrix, rhs, d) for d in (2e-4, 1e-4))
     ratio = np.linalg.norm(near - exact, axis=1) / np.linalg.norm(nearer - exact, axis=1)
     np.testing.assert_allclose(np.median(ratio), 4.0, rtol=1e-2)
 
@@ -351,8 +356,8 @@ def test_damping_bounds_the_solution_where_the_matrix_is_nearly_singular(rng):
     matrix = rng.standard_normal((100, 6, 6))
     matrix[:, 5] = matrix[:, 4] + 1e-9 * matrix[:, 5]
     rhs = rng.standard_normal((100, 6))
-    assert np.linalg.norm(solver(np.float64, 0.0)(matrix, rhs), axis=1).max() > 1e7
-    assert np.linalg.norm(solver(np.float64, 0.1)(matrix, rhs), axis=1).max() < 1e4
+    assert np.linalg.norm(solve(matrix, rhs, 0.0), axis=1).max() > 1e7
+    assert np.linalg.norm(solve(matrix, rhs, 0.1), axis=1).max() < 1e4
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -366,7 +371,7 @@ def test_a_row_or_column_that_depends_on_those_before_it_is_left_out(rng, shape)
     else:
         matrix[:, :, -1] = matrix[:, :, 0]
         rest, right = matrix[:, :, :-1], rhs
-    x = np.asarray(solver(np.float64, 0.0)(matrix, rhs))
+    x = np.asarray(solve(matrix, rhs, 0.0))
     truth = np.einsum("nij,nj->ni", np.linalg.pinv(rest), right)
     np.testing.assert_allclose(x[:, : truth.shape[1]], truth, rtol=1e-8, atol=1e-8)
     np.testing.assert_array_equal(x[:, truth.shape[1] :], 0.0)
