@@ -14,7 +14,7 @@ from typing import Any
 # Compiling is nearly all that the tests do: programs are made for the compiler's speed, unless the
 # caller says otherwise. `test_compiling.py` has those made for the machine's beside them.
 # Since jaxlib 0.11 a process ends where it meets the second option. The third is for workers that
-# keep all cores busy by themselves: a program is not cut into parts to be compiled beside each other.
+# keep all cores busy by themselves: no program is cut into parts to be compiled side by side.
 os.environ.setdefault(
     "XLA_FLAGS",
     "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
