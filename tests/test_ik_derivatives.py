@@ -70,11 +70,11 @@ def moved(turn, twist, pose, step):
     return jnp.asarray(screws), pose @ nj.se3.exp(step * twist)
 
 
-def matched(base, other, found):
-    """The joint vectors of `other` (k, 16, 6) nearest to those of `base`, slot by slot."""
-    apart = np.abs((other[:, None] - base[:, :, None] + np.pi) % (2 * np.pi) - np.pi).max(-1)
-    apart = np.where(found[:, None], apart, np.inf)
-    chosen = np.take_along_axis(other, np.argmin(apart, -1)[..., None], 1)
+def matched(base, other: Solved):
+    """The joint vectors that `other` found nearest to `base` (k, 16, 6), slot by slot."""
+    apart = np.abs((other.q[:, None] - base[:, :, None] + np.pi) % (2 * np.pi) - np.pi).max(-1)
+    apart = np.where(other.found[:, None], apart, np.inf)
+    chosen = np.take_along_axis(other.q, np.argmin(apart, -1)[..., None], 1)
     turns = np.round((chosen - base) / (2 * np.pi))
     return chosen - 2 * np.pi * turns
 
@@ -90,9 +90,7 @@ def test_rates_by_pose_and_geometry_are_those_of_finite_differences(rng, size):
     assert not base.singular[found].any()
     np.testing.assert_array_equal(rate[~found], 0.0)
     step = 2e-6
-    sides = [
-        matched(base.q, solve(*moved(turn, twist, pose, s * step)).q, found) for s in (-2, -1, 1, 2)
-    ]
+    sides = [matched(base.q, solve(*moved(turn, twist, pose, s * step))) for s in (-2, -1, 1, 2)]
     expected = (8 * (sides[2] - sides[1]) - (sides[3] - sides[0])) / (12 * step)
     error = np.abs(rate - expected).max(-1) / (1 + np.abs(rate).max(-1))
     # Near where two solutions merge the differences, not the derivatives, are wrong.
