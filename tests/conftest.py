@@ -38,8 +38,8 @@ if cache := os.environ.get("JAX_COMPILATION_CACHE_DIR"):
     jax.config.update("jax_compilation_cache_dir", cache)
     # What two workers both need is compiled by one of them.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
-# A twentieth of all time each: looking for garbage among what traces leave, most of which stays, and
-# saying of each operation which line it comes from.
+# A twentieth of all time each: to look for garbage among what traces leave, most of which stays,
+# and to say of each operation which line it comes from.
 gc.freeze()
 gc.set_threshold(50_000, 10, 5)
 jax.config.update("jax_traceback_in_locations_limit", 0)
