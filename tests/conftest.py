@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib.metadata
 import json
 import os
@@ -12,10 +13,12 @@ from typing import Any
 
 # Compiling is nearly all that the tests do: programs are made for the compiler's speed, unless the
 # caller says otherwise. `test_compiling.py` has those made for the machine's beside them.
-# Since jaxlib 0.11 a process ends where it meets the second option.
+# Since jaxlib 0.11 a process ends where it meets the second option. The third is for workers that
+# keep all cores busy by themselves: no program is cut into parts to be compiled side by side.
 os.environ.setdefault(
     "XLA_FLAGS",
     "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+    " --xla_cpu_parallel_codegen_split_count=1"
     if [int(x) for x in importlib.metadata.version("jaxlib").split(".")[:2]] < [0, 11]
     else "--xla_backend_optimization_level=0",
 )
@@ -33,7 +36,13 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 jax.config.update("jax_enable_x64", True)  # float32 is tested through float32 inputs
 if cache := os.environ.get("JAX_COMPILATION_CACHE_DIR"):
     jax.config.update("jax_compilation_cache_dir", cache)
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 1.0)
+    # What two workers both need is compiled by one of them.
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+# A twentieth of all time each: to look for garbage among what traces leave, most of which stays,
+# and to say of each operation which line it comes from.
+gc.freeze()
+gc.set_threshold(50_000, 10, 5)
+jax.config.update("jax_traceback_in_locations_limit", 0)
 
 FAST = frozenset(
     f"test_{name}"

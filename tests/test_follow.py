@@ -193,7 +193,7 @@ def test_paths_without_samples_and_in_single_precision(niryo):
     nothing = follow(niryo, np.zeros((0, 4, 4)), START)
     assert nothing.q.shape == (0, 6)
     assert nothing.ok.shape == nothing.label.shape == (0,)
-    q = ramp(np.full(6, 0.3), samples=1000).astype(np.float32)
+    q = ramp(np.full(6, 0.3), samples=256).astype(np.float32)
     path = follow(niryo, poses_at(niryo, q), START)
     assert path.q.dtype == np.float32
     assert path.ok.all()

@@ -187,13 +187,14 @@ def test_arms_that_are_far_from_the_family_have_no_nominal_arm(niryo, rng):
 
 def test_continuation_takes_any_batch_shape_and_pose(niryo, rng):
     robot = perturbed(niryo, rng, 1e-4)
-    q = rng.uniform(niryo.lower, niryo.upper, (3, 2, 6)) * 0.5
+    # As many as the calibrated arms above are solved for, whose program this is.
+    q = np.resize(rng.uniform(niryo.lower, niryo.upper, (6, 6)) * 0.5, (POSES // 2, 2, 6))
     pose = posed(robot, q)
     assert solve_by_continuation(robot, pose[0, 0]).q.shape == (16, 6)
     pose[0, 0, :3, 3] += 5.0
     pose[0, 1, 0, 0] = np.nan
     solutions = solve_by_continuation(robot, pose)
-    assert solutions.q.shape == (3, 2, 16, 6)
+    assert solutions.q.shape == (POSES // 2, 2, 16, 6)
     status = np.asarray(solutions.status)
     assert status[0, 0] == IKStatus.UNDECIDED
     assert status[0, 1] == IKStatus.INVALID_POSE

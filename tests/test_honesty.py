@@ -69,14 +69,15 @@ SPOILERS = {
 @pytest.mark.parametrize("name", SPOILERS)
 def test_a_pose_with_no_end_of_solutions_takes_nothing_from_its_neighbours(name, rng):
     robot, special = SPOILERS[name]
-    q = rng.uniform(-3, 3, (16, 6))
+    # As many as the folded arm below is solved for, whose program this is.
+    q = np.resize(rng.uniform(-3, 3, (16, 6)), (256, 6))
     alone = nj.inverse_kinematics(robot, nj.forward_kinematics(robot, q))
     assert np.all(alone.complete)
-    for place in (0, 7, 15):
+    for place in (0, 7, 255):
         mixed = q.copy()
         mixed[place] = np.radians(special)
         answer = nj.inverse_kinematics(robot, nj.forward_kinematics(robot, mixed))
-        others = np.arange(16) != place
+        others = np.arange(256) != place
         assert not answer.complete[place]
         np.testing.assert_array_equal(answer.complete[others], True)
         np.testing.assert_array_equal(answer.count[others], alone.count[others])
@@ -118,9 +119,10 @@ def test_two_solutions_that_merge_at_a_limit_lie_within_it():
 @pytest.mark.parametrize("name", ["niryo_one", "abb_irb120", "ur16e", "abb_irb910sc"])
 def test_nothing_false_is_said_at_multiples_of_45_degrees(name):
     robot = nj.robots.load(name)
-    counts = honesty.judged(honesty.Case("numpy", robot), 400, seed=1)
-    assert [counts[key] for key in honesty.FALSE] == [0, 0, 0]
-    assert counts["found"] >= 0.99 * counts["poses"]
+    for seed in (1, 2):
+        counts = honesty.judged(honesty.Case("numpy", robot), 256, seed)
+        assert [counts[key] for key in honesty.FALSE] == [0, 0, 0]
+        assert counts["found"] >= 0.99 * counts["poses"]
 
 
 def has(answer, q, within):
@@ -141,7 +143,7 @@ def test_a_folded_arm_with_a_large_wrist_offset_is_not_called_unreachable(upper_
     points = [[0, 0, 0], [0, 0, 0.245], [0, 0, z], [0, 0, z], [0.54, 0, z], [0, -0.15, z]]
     robot = offset_arm(axes, points, place(0.7, -0.15, z))
     # With joint 5 at 0 or half a turn the wrist circle meets the edge of the elbow's reach.
-    turns = np.random.default_rng(3).integers(-4, 5, (300, 6))
+    turns = np.random.default_rng(3).integers(-4, 5, (253, 6))
     turns[:, 4] *= 4
     folded = [[-2, 0, -6, 3, 0, -1], [1, 3, 6, 2, 0, -2], [0, 3, 6, 2, 0, 2]]
     q = np.concatenate([np.array(folded), turns]) * math.pi / 4

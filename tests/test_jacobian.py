@@ -51,7 +51,7 @@ def space_truth(robot, q):
     return np.stack(columns, axis=-1)
 
 
-@pytest.mark.parametrize("n", ARMS)
+@pytest.mark.parametrize("n", [1, 2, 4, 5, 6, 8])
 def test_formula_and_autodiff_equal_finite_differences(rng, n):
     robot = arm_of(rng, n)
     q = rng.uniform(-np.pi, np.pi, (40, n))
@@ -174,8 +174,8 @@ def test_a_singular_configuration_has_no_volume_and_a_finite_gradient(rng, dtype
         (planar, q, "linear"),
         (spherical_wrist(), q * np.array([1, 0, 1], dtype), "all"),
     ):
-        value, gradient = jax.vmap(
-            jax.value_and_grad(lambda q: nj.manipulability(robot, q, part))  # noqa: B023
+        value, gradient = jax.jit(
+            jax.vmap(jax.value_and_grad(lambda q: nj.manipulability(robot, q, part)))  # noqa: B023
         )(x)
         np.testing.assert_allclose(value, np.zeros(20), atol=10 * eps(dtype))
         assert np.all(np.isfinite(gradient))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -181,14 +183,22 @@ SMOOTH = [
 SMOOTH_NAMES = ["sin", "cos", "atan2 right half", "atan2 all round", "acos", "asin"]
 
 
+@functools.partial(jax.jit, static_argnums=0)
+def slopes(function, x):
+    """First and second derivatives in reverse mode, one program for both."""
+    slope = jax.grad(function)
+    return jax.vmap(slope)(x), jax.vmap(jax.grad(slope))(x)
+
+
 @pytest.mark.parametrize(("ours", "theirs", "largest"), SMOOTH, ids=SMOOTH_NAMES)
 def test_derivatives_of_first_and_second_order_forward_and_reverse(rng, ours, theirs, largest):
     x = rng.uniform(-largest, largest, 200)
-    first, second = jax.vmap(jax.grad(theirs))(x), jax.vmap(jax.grad(jax.grad(theirs)))(x)
+    first, second = slopes(theirs, x)
     one = np.ones_like(x)
     np.testing.assert_allclose(rate(ours, x, one), first, rtol=1e-11)
-    np.testing.assert_allclose(jax.vmap(jax.grad(ours))(x), first, rtol=1e-11)
-    for twice in (second_rate(ours, x, one, one), jax.vmap(jax.grad(jax.grad(ours)))(x)):
+    once, reverse = slopes(ours, x)
+    np.testing.assert_allclose(once, first, rtol=1e-11)
+    for twice in (second_rate(ours, x, one, one), reverse):
         np.testing.assert_allclose(twice, second, rtol=1e-9, atol=1e-11)
     h = 1e-6
     np.testing.assert_allclose(first, (ours(x + h) - ours(x - h)) / (2 * h), rtol=1e-6, atol=1e-8)
@@ -279,14 +289,19 @@ def test_maximum_and_minimum_of_arrays(rng):
 # Packing
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("batch", BATCHES)
 @pytest.mark.parametrize("last", [(1,), (6,), (50,), (3, 3), (6, 7), (2, 4, 4)])
-def test_packing_undoes_unpacking(rng, batch, last, dtype):
-    array = jnp.asarray(rng.standard_normal(batch + last), dtype)
-    back = lanes.pack(lanes.unpack(array, len(last)), batch, dtype)
-    assert back.dtype == dtype
-    np.testing.assert_array_equal(back, array)
+def test_packing_undoes_unpacking(rng, last):
+    cases = [(batch, dtype) for batch in BATCHES for dtype in DTYPES]
+    arrays = [rng.standard_normal(batch + last).astype(dtype) for batch, dtype in cases]
+
+    def undone(arrays):
+        pairs = zip(arrays, cases)
+        return [lanes.pack(lanes.unpack(x, len(last)), *case) for x, case in pairs]
+
+    # One program for all of them; `test_packing` has each by itself.
+    for array, back in zip(arrays, jax.jit(undone)(arrays), strict=True):
+        assert back.dtype == array.dtype
+        np.testing.assert_array_equal(back, array)
 
 
 def test_lanes_of_data_are_known_and_broadcast_when_packed():
@@ -307,15 +322,19 @@ def unpacked(*arrays):
 SHAPES = [(6, 6), (3, 6), (6, 8), (6, 4)]
 
 
-def solver(dtype, damping):
-    tolerance = max(1e-12, eps(dtype))
+def solution(matrix, rhs, damping):
+    tolerance = max(1e-12, eps(matrix.dtype))
+    a, b = lanes.unpack(matrix, 2), lanes.unpack(rhs)
+    return lanes.pack(lanes.solve(a, b, damping, tolerance), matrix.shape[:-2], matrix.dtype)
 
-    @jax.jit
-    def solve(matrix, rhs):
-        a, b = lanes.unpack(matrix, 2), lanes.unpack(rhs)
-        return lanes.pack(lanes.solve(a, b, damping, tolerance), matrix.shape[:-2], dtype)
 
-    return solve
+solve = jax.jit(solution, static_argnums=2)
+
+
+@jax.jit
+def damped(matrix, rhs, damping):
+    """One program for all dampings."""
+    return solution(matrix, rhs, Lane(damping))
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
@@ -323,7 +342,7 @@ def solver(dtype, damping):
 def test_solve_is_the_pseudo_inverse_of_a_matrix_of_full_rank(rng, shape, dtype):
     matrix = rng.standard_normal((100, *shape)).astype(dtype)
     rhs = rng.standard_normal((100, shape[0])).astype(dtype)
-    x = np.asarray(solver(dtype, 0.0)(matrix, rhs))
+    x = np.asarray(solve(matrix, rhs, 0.0))
     assert x.dtype == dtype
     inverse = np.linalg.pinv(matrix.astype(float))
     truth = np.einsum("nij,nj->ni", inverse, rhs)
@@ -337,12 +356,13 @@ def test_damping_shortens_the_solution_and_vanishes_with_its_square(rng, shape):
     matrix = rng.standard_normal((100, *shape))
     rhs = rng.standard_normal((100, shape[0]))
     lengths = [
-        np.linalg.norm(solver(np.float64, damping)(matrix, rhs), axis=1).max()
+        np.linalg.norm(damped(matrix, rhs, damping), axis=1).max()
         for damping in (0.0, 1.0, 10.0, 1000.0)
     ]
     assert lengths == sorted(lengths, reverse=True)
     assert lengths[-1] < 1e-3
-    exact, near, nearer = (solver(np.float64, d)(matrix, rhs) for d in (0.0, 2e-4, 1e-4))
+    exact = solve(matrix, rhs, 0.0)
+    near, nearer = (damped(matrix, rhs, d) for d in (2e-4, 1e-4))
     ratio = np.linalg.norm(near - exact, axis=1) / np.linalg.norm(nearer - exact, axis=1)
     np.testing.assert_allclose(np.median(ratio), 4.0, rtol=1e-2)
 
@@ -351,8 +371,8 @@ def test_damping_bounds_the_solution_where_the_matrix_is_nearly_singular(rng):
     matrix = rng.standard_normal((100, 6, 6))
     matrix[:, 5] = matrix[:, 4] + 1e-9 * matrix[:, 5]
     rhs = rng.standard_normal((100, 6))
-    assert np.linalg.norm(solver(np.float64, 0.0)(matrix, rhs), axis=1).max() > 1e7
-    assert np.linalg.norm(solver(np.float64, 0.1)(matrix, rhs), axis=1).max() < 1e4
+    assert np.linalg.norm(solve(matrix, rhs, 0.0), axis=1).max() > 1e7
+    assert np.linalg.norm(solve(matrix, rhs, 0.1), axis=1).max() < 1e4
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -366,7 +386,7 @@ def test_a_row_or_column_that_depends_on_those_before_it_is_left_out(rng, shape)
     else:
         matrix[:, :, -1] = matrix[:, :, 0]
         rest, right = matrix[:, :, :-1], rhs
-    x = np.asarray(solver(np.float64, 0.0)(matrix, rhs))
+    x = np.asarray(solve(matrix, rhs, 0.0))
     truth = np.einsum("nij,nj->ni", np.linalg.pinv(rest), right)
     np.testing.assert_allclose(x[:, : truth.shape[1]], truth, rtol=1e-8, atol=1e-8)
     np.testing.assert_array_equal(x[:, truth.shape[1] :], 0.0)

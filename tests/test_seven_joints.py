@@ -14,7 +14,7 @@ import niryo_jax as nj
 from niryo_jax.ik import IKStatus
 from niryo_jax.ik.dispatch import method_for
 
-POSES = 256
+SIZES = [64, pytest.param(256, marks=pytest.mark.completeness)]
 
 
 @functools.cache
@@ -48,8 +48,8 @@ def arm(name):
     )
 
 
-def made(robot, seed=0):
-    q = np.random.default_rng(seed).uniform(robot.lower, robot.upper, (POSES, robot.joints))
+def made(robot, size):
+    q = np.random.default_rng(0).uniform(robot.lower, robot.upper, (size, robot.joints))
     return posed(robot, q)
 
 
@@ -61,13 +61,14 @@ def check(robot, answer, pose):
     np.testing.assert_array_equal(within, inside & found)
 
 
+@pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize(
     ("name", "method"), [("panda", "sampled"), ("narrow", "sampled"), ("random", "multistart")]
 )
-def test_a_pose_made_within_the_limits_is_answered_within_them(name, method):
+def test_a_pose_made_within_the_limits_is_answered_within_them(name, method, size):
     robot = arm(name)
     assert method_for(robot) == method
-    pose = made(robot)
+    pose = made(robot, size)
     answer = nj.inverse_kinematics(robot, pose)
     check(robot, answer, pose)
     assert np.all(answer.status == IKStatus.SOLVED)
@@ -79,9 +80,10 @@ def test_the_joint_that_is_locked_is_one_that_moves_while_the_tool_rests():
     assert [plan.locked for plan in arm("panda").plans][-1] == 3
 
 
-def test_inside_of_a_transformation_answers_are_right_and_follow_the_pose():
+@pytest.mark.parametrize("size", SIZES)
+def test_inside_of_a_transformation_answers_are_right_and_follow_the_pose(size):
     robot = arm("narrow")
-    pose = made(robot)
+    pose = made(robot, size)
     twist = np.array([0.2, -0.1, 0.3, 0.05, 0.1, -0.2])
 
     @jax.jit
@@ -101,7 +103,7 @@ def test_inside_of_a_transformation_answers_are_right_and_follow_the_pose():
     found = np.asarray(answer.found)
     # Next to singularities rates are large.
     regular = found & (np.linalg.svd(jacobian, compute_uv=False)[..., -1] > 1e-3)
-    assert regular.sum() > 10 * POSES
+    assert regular.sum() > 10 * size
     np.testing.assert_allclose(
         followed[regular], np.broadcast_to(twist, (regular.sum(), 6)), atol=1e-6
     )

@@ -130,8 +130,9 @@ def test_a_pose_is_answered_alike_alone_and_in_any_batch():
     order = np.random.default_rng(0).permutation(POSES)
     other = nj.inverse_kinematics(robot, pose[order])
     np.testing.assert_array_equal(other.q, np.asarray(answer.q)[order])
-    grid = nj.inverse_kinematics(robot, pose[:6].reshape(3, 2, 4, 4))
-    assert grid.q.shape == (3, 2, 16, 6)
+    grid = nj.inverse_kinematics(robot, pose.reshape(16, -1, 4, 4))
+    assert grid.q.shape == (16, POSES // 16, 16, 6)
+    np.testing.assert_array_equal(np.reshape(grid.q, answer.q.shape), answer.q)
     assert nj.inverse_kinematics(robot, pose[:0]).q.shape == (0, 16, 6)
 
 
@@ -190,6 +191,15 @@ def test_poses_in_float32_are_solved_in_float64():
     assert np.all(np.asarray(answer.position_error)[found] > 1e-8)
 
 
+@jax.jit
+def solved_by_elimination(screws, home, numbers, pose):
+    """One program for all arms."""
+    arm = dataclasses.replace(nj.robots.load("ur16e"), screws=screws, home=home)
+    limits = jnp.full(6, -10.0), jnp.full(6, 10.0)
+    geometry, live = traced_geometry(arm, pose.dtype), jnp.ones(len(pose), bool)
+    return solve_general_arm(geometry, numbers, pose, live, limits)
+
+
 @pytest.mark.parametrize("name", ["ur16e", "abb_irb120", "niryo_one"])
 def test_an_arm_whose_polynomial_vanishes_is_never_proved(name):
     # These have solvers of their own; by elimination nothing but rounding is left of most.
@@ -197,15 +207,7 @@ def test_an_arm_whose_polynomial_vanishes_is_never_proved(name):
     screws = np.asarray(robot.screws)
     numbers = closure.numbers_of_ways(screws, closure.eliminations(screws))
     q = np.random.default_rng(4).uniform(-np.pi, np.pi, (64, 6))
-    limits = jnp.full(6, -10.0), jnp.full(6, 10.0)
-
-    @jax.jit
-    def solve(robot, pose):
-        geometry = traced_geometry(robot, pose.dtype)
-        live = jnp.ones(len(pose), bool)
-        return solve_general_arm(geometry, jnp.asarray(numbers), pose, live, limits)
-
-    answer = solve(robot, posed(robot, q))
+    answer = solved_by_elimination(screws, robot.home, numbers, posed(robot, q))
     near = apart(answer.solutions.q, q[:, None]) < 1e-5
     assert np.all(np.any(near & np.asarray(answer.solutions.found), axis=1) | ~answer.proved)
 
