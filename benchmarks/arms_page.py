@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import statistics
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.measure import Report, table
+from benchmarks.measure import RESULTS, header, table
+
+STEM = "arm-table"
+"""Of the names of the results."""
 
 PAGE = Path(__file__).parents[1] / "docs" / "arms.md"
 
@@ -20,6 +24,9 @@ kinematics (in numpy) from joint vectors within the limits, so each has a soluti
 at random, and near singular postures, where the smallest singular value of the Jacobian (metres
 and radians) is 1e-3, 1e-6 or 1e-9."""
 
+_RIGHT = """No answer was called complete, and no pose out of reach, falsely; no joint vector
+missed its pose."""
+
 _SIX = """- *solutions*: how many a random pose has, in the mean and at most.
 - *made-by*: of the random poses, those among whose answers is the joint vector that made them
   (to 1e-4 rad).
@@ -28,26 +35,30 @@ _SIX = """- *solutions*: how many a random pose has, in the mean and at most.
 - *complete*: of the random poses, those of which it is said that there is no other solution.
 - *1e-3, 1e-6, 1e-9*: made-by near singular postures, and behind the stroke complete. What is not
   made-by there is answered by another solution, or by one that is named as one of infinitely
-  many.
-- *poses/s*: {speed:,} random poses in one call on one core, float64, once compiled."""
+  many."""
 
-_SEVEN = """An arm of seven or eight joints has curves of solutions; up to 16 of them are returned.
-The share of poses answered within the limits, at random and near singular postures, and poses/s
-in a batch of those poses ({batch}). Nothing is said to be complete, and nothing is. *ssik*: the
-share that it answers within the limits, and microseconds a pose."""
+_SEVEN = """An arm of seven or eight joints has curves of solutions; up to 16 of them are
+returned. The share of poses answered within the limits, at random and near singular postures.
+Nothing is said to be complete, and nothing is. *ssik*: the share that it answers within the
+limits, and microseconds a pose."""
 
-_KINDS = """*First answer*: CPU seconds of a fresh process without a cache, from its start to the
-solutions of one pose, imports and compilation included."""
+_KINDS = """*Found*: made-by (below), of arms of seven and eight joints answered within the
+limits; of all arms of the kind. *Complete*: of random poses. The first arm of each kind is timed
+on one core in float64, once compiled. *poses/s*: {speed:,} random poses in one call (fewer where
+the solver is not complete). *One pose*: alone in a call. *First answer*: CPU seconds of a fresh
+process without a cache, from its start to the solutions of one pose, imports and compilation
+included."""
 
 _PEERS = """Each library that is installed solves the same poses in the same run, one pose at a
-time (eaik by its batched call, one thread). For each the same columns are given of niryo_jax on
-the arms, and the poses, that the library solves. *Recall* is the share of all solutions known of
-{searched} random poses of an arm: of any library, of the search, or ours. *Solved*: the arms of
-up to six joints of whose random poses it finds the joint vectors of half or more. *1e-3* to
-*1e-9*: made-by, and behind the stroke answered at all. *us a pose*: the median of the arms; ours in a batch, and alone in brackets. *Preparation*: seconds for an
-arm before its first pose, median and most; ours is compilation, above. roboticstoolbox takes long
-to prepare and is asked for one arm of each kind; what is not prepared within {prepare} s is left
-out."""
+time (eaik by its batched call, one thread). Below each is niryo_jax on the arms that it solves,
+and on those poses. *Solved*: the arms of up to six joints of whose random poses it finds the
+joint vectors of half or more. *Recall*: its share of all solutions known of {searched} random
+poses of an arm, by any library, by the search, or by ours. *1e-3* to *1e-9*: made-by, and behind
+the stroke answered at all. *Spurious*: claimed solutions that miss by more than 1e-6 m or rad.
+*us a pose*: the median of the arms; ours in a batch, and in brackets alone, of the arm of its
+kind that was timed. *Preparation*: seconds for an arm before its first pose, median and most;
+ours is compilation, above. roboticstoolbox takes long to prepare and is asked for one arm of each
+kind; what is not prepared within {prepare} s takes no part."""
 
 
 def percent(part: float, whole: float) -> str:
@@ -63,14 +74,14 @@ def percent(part: float, whole: float) -> str:
 def in_short(row: Row) -> str:
     """A line while it runs."""
     sets = {name: (s["made-by"], s["complete"], s["poses"]) for name, s in row["sets"].items()}
-    speed = row.get("speed", {})
+    spent = row.get("seconds a pose", {})
     peers = {
         name: (round(peer.get("recall", -1), 4), [s["made-by"] for s in peer["sets"].values()])
         for name, peer in row["peers"].items()
     }
     return (
-        f"{row['kind']} {sets} first call {row['first call']:.1f} s, {speed.get('rate', 0):,.0f} "
-        f"poses/s, first answer {row.get('first answer')}, {peers}, {row['seconds']:.0f} s"
+        f"{row['kind']} {sets} first call {row['first call']:.1f} s, {spent}, "
+        f"first answer {row.get('first answer')}, {peers}, {row['seconds']:.0f} s"
     )
 
 
@@ -80,12 +91,11 @@ def sections(data: dict[str, Any]) -> list[str]:
     effort = data["effort"]
     six = {name: row for name, row in arms.items() if row["joints"] <= 6}
     seven = {name: row for name, row in arms.items() if row["joints"] > 6}
-    found = ["## By the kind of arm", table(*_kinds(arms)), _KINDS]
+    found = ["## By the kind of arm", table(*_kinds(arms)), _KINDS.format(**effort)]
     if six:
         found += ["## Up to six joints", table(*_six(six)), _SIX.format(**effort)]
     if seven:
-        batch = " to ".join(map(str, sorted({sum(_sizes(row)) for row in seven.values()})[::-1]))
-        found += ["## Seven and eight joints", table(*_seven(seven)), _SEVEN.format(batch=batch)]
+        found += ["## Seven and eight joints", table(*_seven(seven)), _SEVEN]
     found.append("Sources: " + "; ".join(f"*{k}*: {v}" for k, v in data["sources"].items()) + ".")
     peers = _peers(six)
     if peers[1]:
@@ -98,21 +108,28 @@ def sections(data: dict[str, Any]) -> list[str]:
     return found
 
 
-def write(report: Report) -> None:
-    """docs/arms.md."""
-    wrong = [f"- WRONG: {x}" for x in report.wrong]
-    said = "\n".join(wrong) or "No answer was called complete, or its pose out of reach, falsely; "
-    said += "" if wrong else "no joint vector missed its pose."
-    text = [_TITLE, said, *report.sections[1:], f"Measured with: {report.sections[0]}."]
-    PAGE.write_text("\n\n".join(text) + "\n")
+def collect() -> None:
+    """Write docs/arms.md from the last results."""
+    for path in sorted(RESULTS.glob(f"*-{STEM}.json"))[-1:]:
+        data = json.loads(path.read_text())
+        said = "\n".join(f"- WRONG: {x}" for x in data["wrong"]) or _RIGHT
+        text = [_TITLE, said, *sections(data), f"Measured with: {header(data['about'])}."]
+        PAGE.write_text("\n\n".join(text) + "\n")
 
 
-def _sizes(row: Row) -> list[int]:
-    return [s["poses"] for s in row["sets"].values()]
+def _two_digits(number: float) -> str:
+    return f"{float(f'{number:.2g}'):,.0f}"
 
 
-def _rate(row: Row) -> str:
-    return f"{row['speed']['rate']:,.0f}" if "speed" in row else ""
+def of_its_kind(arms: dict[str, Row]) -> dict[str, Row]:
+    """Arm -> our seconds a pose in a batch and alone, of the arm of its kind that was timed."""
+    known = dict[tuple[Any, ...], Row]()
+    for row in arms.values():
+        spent = row.get("seconds a pose", {})
+        if "batch" in spent:
+            known.setdefault((row["joints"], *row["kind"]), spent)
+    kinds = {name: (row["joints"], *row["kind"]) for name, row in arms.items()}
+    return {name: known[kind] for name, kind in kinds.items() if kind in known}
 
 
 def _near(row: Row, count: Callable[[dict[str, int]], str]) -> list[str]:
@@ -121,7 +138,7 @@ def _near(row: Row, count: Callable[[dict[str, int]], str]) -> list[str]:
 
 def _six(arms: dict[str, Row]) -> tuple[Sequence[str], list[list[str]]]:
     head = ["arm", "joints", "source", "family", "solver", "solutions", "made-by", "recall"]
-    head += ["complete", "1e-3", "1e-6", "1e-9", "poses/s"]
+    head += ["complete", "1e-3", "1e-6", "1e-9"]
     lines = []
     for name, row in arms.items():
         random, searched = row["sets"]["random"], row["searched"]
@@ -142,7 +159,6 @@ def _six(arms: dict[str, Row]) -> tuple[Sequence[str], list[list[str]]]:
                         f"{percent(s['complete'], s['poses'])}"
                     ),
                 ),
-                _rate(row),
             ]
         )
     return head, lines
@@ -150,7 +166,7 @@ def _six(arms: dict[str, Row]) -> tuple[Sequence[str], list[list[str]]]:
 
 def _seven(arms: dict[str, Row]) -> tuple[Sequence[str], list[list[str]]]:
     head = ["arm", "joints", "source", "family", "solver", "random", "1e-3", "1e-6", "1e-9"]
-    head += ["poses/s", "ssik"]
+    head += ["ssik"]
     lines = []
     for name, row in arms.items():
         random, ssik = row["sets"]["random"], row["peers"].get("ssik")
@@ -166,7 +182,6 @@ def _seven(arms: dict[str, Row]) -> tuple[Sequence[str], list[list[str]]]:
                 *row["kind"],
                 percent(random["in limits"], random["poses"]),
                 *_near(row, lambda s: percent(s["in limits"], s["poses"])),
-                _rate(row),
                 beside,
             ]
         )
@@ -174,7 +189,7 @@ def _seven(arms: dict[str, Row]) -> tuple[Sequence[str], list[list[str]]]:
 
 
 def _micros(row: Row, peer: str) -> str:
-    each = row.get("speed", {}).get("peers", {}).get(peer)
+    each = row.get("seconds a pose", {}).get(peer)
     return "" if each is None else f", {1e6 * each:,.0f} us"
 
 
@@ -184,13 +199,13 @@ def _kinds(arms: dict[str, Row]) -> tuple[Sequence[str], list[list[str]]]:
         joints = "7, 8" if row["joints"] > 6 else str(row["joints"])
         kinds.setdefault((*row["kind"], joints), []).append(row)
     head = ["family", "solver", "joints", "arms", "found, random", "found, near", "complete"]
-    head += ["poses/s", "first answer (s)"]
+    head += ["poses/s", "one pose (us)", "first answer (s)"]
     lines = []
     for (family, solver, joints), rows in kinds.items():
         what = "in limits" if joints == "7, 8" else "made-by"
         random = [row["sets"]["random"] for row in rows]
         near = [s for row in rows for name, s in row["sets"].items() if name != "random"]
-        rates = [row["speed"]["rate"] for row in rows if "speed" in row]
+        timed = [row["seconds a pose"] for row in rows if "batch" in row.get("seconds a pose", {})]
         firsts = [row["first answer"] for row in rows if "first answer" in row]
         lines.append(
             [
@@ -200,7 +215,8 @@ def _kinds(arms: dict[str, Row]) -> tuple[Sequence[str], list[list[str]]]:
                 str(len(rows)),
                 *(percent(sum(s[what] for s in x), _total(x)) for x in (random, near)),
                 percent(sum(s["complete"] for s in random), _total(random)),
-                _range(rates),
+                _two_digits(1 / timed[0]["batch"]) if timed else "",
+                _two_digits(1e6 * timed[0]["alone"]) if timed else "",
                 f"{min(firsts):.1f}" if firsts else "",
             ]
         )
@@ -209,13 +225,6 @@ def _kinds(arms: dict[str, Row]) -> tuple[Sequence[str], list[list[str]]]:
 
 def _total(sets: list[dict[str, int]]) -> int:
     return sum(s["poses"] for s in sets)
-
-
-def _range(rates: list[float]) -> str:
-    if not rates:
-        return ""
-    low, high = (f"{float(f'{x:.2g}'):,.0f}" for x in (min(rates), max(rates)))
-    return low if low == high else f"{low} to {high}"
 
 
 def solved(peer: Row) -> bool:
@@ -227,6 +236,7 @@ def _peers(arms: dict[str, Row]) -> tuple[Sequence[str], list[list[str]]]:
     names = list(dict.fromkeys(name for row in arms.values() for name in row["peers"]))
     head = ["library", "solved", "recall", "made-by, random", "1e-3", "1e-6", "1e-9", "spurious"]
     head += ["us a pose", "preparation (s)"]
+    ours = of_its_kind(arms)
     lines = []
     for name in names:
         asked = [row for row in arms.values() if name in row["peers"]]
@@ -234,8 +244,8 @@ def _peers(arms: dict[str, Row]) -> tuple[Sequence[str], list[list[str]]]:
         if not rows:
             continue
         theirs = [row["peers"][name] for row in rows]
-        spent = [peer["preparation"] for peer in theirs]
-        each = [row["speed"]["peers"][name] for row in rows if "speed" in row]
+        before = [peer["preparation"] for peer in theirs]
+        each = [row["seconds a pose"][name] for row in rows if "seconds a pose" in row]
         lines.append(
             [
                 name,
@@ -245,11 +255,11 @@ def _peers(arms: dict[str, Row]) -> tuple[Sequence[str], list[list[str]]]:
                 f"{sum(peer['spurious'] for peer in theirs)} of "
                 f"{sum(peer['claimed'] for peer in theirs):,}",
                 f"{1e6 * statistics.median(each):,.0f}" if each else "",
-                f"{statistics.median(spent):.1f}, {max(spent):.0f}",
+                f"{statistics.median(before):.1f}, {max(before):.0f}",
             ]
         )
-        batch = [1e6 / row["speed"]["rate"] for row in rows if "speed" in row]
-        alone = [1e6 * row["speed"]["alone"] for row in rows if "speed" in row]
+        spent = [ours[arm] for arm, row in arms.items() if arm in ours and row in rows]
+        batch, alone = ([1e6 * x[which] for x in spent] for which in ("batch", "alone"))
         lines.append(
             [
                 "niryo_jax, the same arms",
@@ -287,9 +297,10 @@ microseconds a pose (ours in a batch)."""
 
 def _arm_by_arm(arms: dict[str, Row]) -> tuple[Sequence[str], list[list[str]]]:
     names = list(dict.fromkeys(name for row in arms.values() for name in row["peers"]))
+    spent = of_its_kind(arms)
     lines = []
     for arm, row in arms.items():
-        ours = f", {1e6 / row['speed']['rate']:,.1f} us" if "speed" in row else ""
+        ours = f", {1e6 * spent[arm]['batch']:,.1f} us" if arm in spent else ""
         line = [arm, _cell(row["recall of all"], row["beside"]) + ours]
         for name in names:
             peer = row["peers"].get(name)
@@ -313,7 +324,7 @@ def _cell(recall: float, sets: dict[str, dict[str, int]]) -> str:
 def ahead(arms: dict[str, Row]) -> list[str]:
     """What other libraries do better, of what was measured here."""
     more, sooner, faster, limits = (dict[str, list[str]]() for _ in range(4))
-    near = dict[str, list[str]]()
+    near, ours = dict[str, list[str]](), of_its_kind(arms)
     for arm, row in arms.items():
         for name, peer in row["peers"].items():
             if row["joints"] > 6:
@@ -329,11 +340,11 @@ def ahead(arms: dict[str, Row]) -> list[str]:
                 ]
                 if better:
                     near.setdefault(name, []).append(f"{arm} ({', '.join(better)})")
-            if "speed" in row and (row["joints"] > 6 or solved(peer)):
-                each = row["speed"]["peers"][name]
-                if each < row["speed"]["alone"]:
+            if arm in ours and (row["joints"] > 6 or solved(peer)):
+                each = row["seconds a pose"][name]
+                if each < ours[arm]["alone"]:
                     sooner.setdefault(name, []).append(arm)
-                if each < 1 / row["speed"]["rate"]:
+                if each < ours[arm]["batch"]:
                     faster.setdefault(name, []).append(arm)
     lines = []
     for text, found in (

@@ -25,7 +25,7 @@ from benchmarks.peers import Solver, UnsuitedError
 from benchmarks.reference import forward_kinematics
 
 PREPARE = 60
-"""Seconds."""
+"""CPU seconds."""
 
 SAME_ARM = 1e-9
 """Metres and entries of a rotation by which the forward kinematics may differ."""
@@ -34,13 +34,26 @@ PARALLEL = 1e-10
 """The sine of an angle below which axes count as parallel when frames are chosen."""
 
 
+@dataclasses.dataclass(frozen=True)
+class Peer(Solver):
+    """A library ready to solve one arm.
+
+    Attributes:
+        doubted: its answer -> (k, n) joint vectors that it marks as compromises (least squares).
+            Next to singular postures some of them are solutions: they count where they close, and
+            are not held against it where they do not.
+    """
+
+    doubted: Callable[[Any], np.ndarray] | None = None
+
+
 class TooLong(BaseException):
     """The time is over; no `Exception`, which a library may catch on its way."""
 
 
 @contextlib.contextmanager
 def at_most(seconds: float) -> Iterator[None]:
-    """Gives up what is written in Python after so long.
+    """Gives up what is written in Python after so many seconds of CPU.
 
     Raises:
         TooLong: the time is over.
@@ -53,18 +66,18 @@ def at_most(seconds: float) -> Iterator[None]:
     def over(*_: Any) -> None:
         raise TooLong
 
-    before = signal.signal(signal.SIGALRM, over)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    before = signal.signal(signal.SIGPROF, over)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
 
 
-def solvers(robot: nj.Robot, skip: tuple[str, ...] = ()) -> tuple[list[Solver], dict[str, str]]:
+def solvers(robot: nj.Robot, skip: tuple[str, ...] = ()) -> tuple[list[Peer], dict[str, str]]:
     """The solvers of the libraries that take the arm, and why the others do not."""
-    found, absent = list[Solver](), dict[str, str]()
+    found, absent = list[Peer](), dict[str, str]()
     for name, (package, build) in PEERS.items():
         if name in skip:
             absent[name] = "skipped"
@@ -108,7 +121,7 @@ def axes_and_steps(robot: nj.Robot) -> tuple[np.ndarray, np.ndarray]:
     return screws[:, :3], np.diff(points, axis=0, prepend=np.zeros((1, 3)))
 
 
-def _ssik(robot: nj.Robot) -> Solver:
+def _ssik(robot: nj.Robot) -> Peer:
     """ssik's own artefact of the arm where it comes with one, or else its class, prepared."""
     import ssik
 
@@ -131,7 +144,7 @@ def _ssik(robot: nj.Robot) -> Solver:
     def joints(answer: Any) -> np.ndarray:
         return _rows([solution.q for solution in answer], robot.joints)
 
-    return Solver("ssik", one, joints, given=lambda pose: pose @ back)
+    return Peer("ssik", one, joints, given=lambda pose: pose @ back)
 
 
 def _turn(rotation: np.ndarray) -> np.ndarray:
@@ -140,7 +153,7 @@ def _turn(rotation: np.ndarray) -> np.ndarray:
     return pose
 
 
-def _eaik(robot: nj.Robot) -> Solver:
+def _eaik(robot: nj.Robot) -> Peer:
     """eaik from the axes, by its batched call with one thread."""
     with contextlib.redirect_stdout(io.StringIO()):
         from eaik.IK_HP import HPRobot
@@ -154,17 +167,23 @@ def _eaik(robot: nj.Robot) -> Solver:
     back = _turn(turn.T)
     _same_arm(robot, lambda q: theirs.fwdKin(q) @ _turn(turn))
 
-    def joints(answer: Any) -> np.ndarray:
-        exact = ~np.asarray(answer.is_LS, dtype=bool)
-        return _rows(answer.Q, robot.joints)[exact]
+    def joints(answer: Any, doubted: bool = False) -> np.ndarray:
+        return _rows(answer.Q, robot.joints)[np.asarray(answer.is_LS, dtype=bool) == doubted]
 
     def many(poses: list[np.ndarray]) -> Any:
         return theirs.IK_batched(poses, num_worker_threads=1)
 
-    return Solver("eaik", theirs.IK, joints, many, given=lambda pose: pose @ back)
+    return Peer(
+        "eaik",
+        theirs.IK,
+        joints,
+        many,
+        given=lambda pose: pose @ back,
+        doubted=lambda answer: joints(answer, doubted=True),
+    )
 
 
-def _ikdh(robot: nj.Robot) -> Solver:
+def _ikdh(robot: nj.Robot) -> Peer:
     """ikdh from Denavit-Hartenberg parameters."""
     import ikdh
 
@@ -178,7 +197,7 @@ def _ikdh(robot: nj.Robot) -> Solver:
     solver = ikdh.Solver(dh)
     _same_arm(robot, lambda q: base @ np.asarray(ikdh.forward_kin(dh, np.rad2deg(q))) @ tool)
     into, back = np.linalg.inv(base), np.linalg.inv(tool)
-    return Solver(
+    return Peer(
         "ikdh",
         solver.solve,
         lambda answer: np.deg2rad(_rows(answer, 6)),
@@ -186,7 +205,7 @@ def _ikdh(robot: nj.Robot) -> Solver:
     )
 
 
-def _roboticstoolbox(robot: nj.Robot) -> Solver:
+def _roboticstoolbox(robot: nj.Robot) -> Peer:
     """The analytic solver that the Robotics Toolbox derives from Denavit-Hartenberg parameters."""
     import roboticstoolbox as rtb
 
@@ -201,7 +220,7 @@ def _roboticstoolbox(robot: nj.Robot) -> Solver:
     _same_arm(robot, lambda q: base @ theirs.fkine(q).A @ tool)
     solver = theirs.analytic_ik()
     into, back = np.linalg.inv(base), np.linalg.inv(tool)
-    return Solver(
+    return Peer(
         "roboticstoolbox",
         lambda pose: solver.solve(pose, joint_limits=False),
         lambda answer: _rows(answer.q, 6),
@@ -209,7 +228,7 @@ def _roboticstoolbox(robot: nj.Robot) -> Solver:
     )
 
 
-PEERS: dict[str, tuple[str, Callable[[nj.Robot], Solver]]] = {
+PEERS: dict[str, tuple[str, Callable[[nj.Robot], Peer]]] = {
     "ssik": ("ssik", _ssik),
     "eaik": ("eaik", _eaik),
     "ikdh": ("ikdh", _ikdh),

@@ -31,9 +31,9 @@ import numpy as np
 
 import niryo_jax as nj
 from benchmarks import arms_page, arms_peers, reference, singular
+from benchmarks.arms_peers import Peer
 from benchmarks.honesty import REAL_ARMS, from_file
 from benchmarks.measure import Report, Timed, about, alternate, header, in_a_process
-from benchmarks.peers import Solver
 from benchmarks.poses import distinct, misses, polished
 from benchmarks.search import search
 from niryo_jax.ik.dispatch import method_for
@@ -64,7 +64,7 @@ class Effort:
         peers: the same for other libraries, the first of those.
         searched: poses of which the search looks for all solutions.
         starts: its guesses.
-        speed: poses of the batch that is timed; 0 times nothing.
+        speed: poses of the batch that is timed, of one arm of each kind; 0 times nothing.
         rounds: of timing.
     """
 
@@ -194,7 +194,7 @@ def _hits(robot: nj.Robot, wanted: np.ndarray, have: np.ndarray) -> int:
     return int(np.any(near < SAME, axis=1).sum())
 
 
-def of_a_peer(robot: nj.Robot, solver: Solver, parts: dict[str, np.ndarray]) -> dict[str, Any]:
+def of_a_peer(robot: nj.Robot, solver: Peer, parts: dict[str, np.ndarray]) -> dict[str, Any]:
     """What another library finds of the same poses; its solutions of those at random."""
     counts: dict[str, Any] = {"spurious": 0, "claimed": 0, "raised": 0, "sets": {}}
     solutions = list[np.ndarray]()
@@ -202,17 +202,20 @@ def of_a_peer(robot: nj.Robot, solver: Solver, parts: dict[str, np.ndarray]) -> 
         pose = reference.forward_kinematics(robot, q)
         made = answered = 0
         for target, wanted in zip(pose, q):
+            claimed = doubted = np.zeros((0, robot.joints))
             try:
-                claimed = solver.answers(solver.one(solver.given(target)))
+                answer = solver.one(solver.given(target))
+                claimed = solver.answers(answer)
+                doubted = doubted if solver.doubted is None else solver.doubted(answer)
             except Exception:  # of a library that answers a pose with an error
                 counts["raised"] += 1
-                claimed = np.zeros((0, robot.joints))
-            targets = np.broadcast_to(target, (len(claimed), 4, 4))
-            position, rotation = misses(robot, claimed, targets)
+            both = np.concatenate([claimed, doubted])
+            targets = np.broadcast_to(target, (len(both), 4, 4))
+            position, rotation = misses(robot, both, targets)
             good = (position < CLOSES) & (rotation < CLOSES)
             counts["claimed"] += len(claimed)
-            counts["spurious"] += int(np.sum(~good))
-            right = claimed[good]
+            counts["spurious"] += int(np.sum(~good[: len(claimed)]))
+            right = both[good]
             made += _hits(robot, wanted[None], right)
             answered += len(right) > 0
             if name == "random":
@@ -224,7 +227,7 @@ def of_a_peer(robot: nj.Robot, solver: Solver, parts: dict[str, np.ndarray]) -> 
 
 def compared(
     robot: nj.Robot, effort: Effort, mine: dict[str, Any], skip: tuple[str, ...]
-) -> tuple[dict[str, Any], list[Solver]]:
+) -> tuple[dict[str, Any], list[Peer]]:
     """The libraries that solve the arm: name -> what they find; why the others do not."""
     solvers, absent = arms_peers.solvers(robot, skip)
     parts = {name: q[: effort.peers[name != "random"]] for name, q in mine["parts"].items()}
@@ -249,34 +252,27 @@ def compared(
 
 
 def timed(
-    robot: nj.Robot, effort: Effort, parts: dict[str, np.ndarray], solvers: list[Solver]
+    robot: nj.Robot, effort: Effort, parts: dict[str, np.ndarray], peers: list[Peer], ours: bool
 ) -> dict[str, Any]:
-    """Poses a second of a large batch, and seconds for a pose alone, beside the other libraries."""
-    q = parts["random"]
-    if robot.joints <= 6 and method_for(robot) == "complete":
-        low, high = singular.limits(robot)
-        q = np.random.default_rng(0).uniform(low, high, (effort.speed, robot.joints))
-    else:
-        q = np.concatenate(list(parts.values()))
-    pose = reference.forward_kinematics(robot, q)
-    batch = jax.device_put(pose)
-    alone = pose[: effort.peers[0]]
+    """Seconds a pose of the other libraries, and ours of a batch and of a pose alone."""
+    pose = reference.forward_kinematics(robot, parts["random"][: effort.peers[0]])
     subjects = {
-        "batch": Timed("batch", len(q), lambda: nj.inverse_kinematics(robot, batch)),
-        "alone": Timed("alone", 1, lambda: nj.inverse_kinematics(robot, alone[0])),
+        solver.name: Timed(solver.name, len(pose), _all_of_it(solver, pose)) for solver in peers
     }
-    for solver in solvers:
-        subjects[solver.name] = Timed(solver.name, len(alone), _all_of_it(solver, alone))
+    if ours:
+        if method_for(robot) == "complete":
+            low, high = singular.limits(robot)
+            q = np.random.default_rng(0).uniform(low, high, (effort.speed, robot.joints))
+        else:
+            q = np.concatenate(list(parts.values()))
+        batch = jax.device_put(reference.forward_kinematics(robot, q))
+        subjects["batch"] = Timed("", len(q), lambda: nj.inverse_kinematics(robot, batch))
+        subjects["alone"] = Timed("", 1, lambda: nj.inverse_kinematics(robot, pose[0]))
     alternate(list(subjects.values()), effort.rounds)
-    return {
-        "batch": len(q),
-        "rate": subjects.pop("batch").rate,
-        "alone": subjects.pop("alone").seconds,
-        "peers": {name: one.seconds / one.size for name, one in subjects.items()},
-    }
+    return {name: one.seconds / one.size for name, one in subjects.items()}
 
 
-def _all_of_it(solver: Solver, pose: np.ndarray) -> Any:
+def _all_of_it(solver: Peer, pose: np.ndarray) -> Any:
     given = [solver.given(x) for x in pose]
     if solver.many is not None:
         many = solver.many
@@ -310,16 +306,16 @@ def measure(todo: dict[str, nj.Robot], effort: Effort, skip: tuple[str, ...]) ->
     report = Report("Real arms", data, [header(facts)])
     described = json.loads(REAL_ARMS.read_text())
     data["sources"] = described["sources"]
-    seen = set[tuple[str, str]]()
+    seen = set[tuple[int, tuple[str, str]]]()
     for seed, (name, robot) in enumerate(todo.items()):
         started = time.perf_counter()
-        if kind(robot) not in seen:
+        first_of_kind = (robot.joints, kind(robot)) not in seen
+        if first_of_kind:
+            seen.add((robot.joints, kind(robot)))
             jax.clear_caches()  # alike arms share programs, others only memory
         mine = judged(robot, effort, seed)
         report.wrong += [f"{name}: {mine[what]} {what}" for what in FALSE if mine.get(what)]
-        first_of_kind = kind(robot) not in seen
-        seen.add(kind(robot))
-        # What takes half a minute for each arm is done for one arm of each kind.
+        # What takes half a minute for each arm is done for one arm of each kind, as timing is.
         slow = () if first_of_kind else ("roboticstoolbox",)
         others, solvers = compared(robot, effort, mine, (*skip, *slow))
         parts = mine.pop("parts")
@@ -331,7 +327,7 @@ def measure(todo: dict[str, nj.Robot], effort: Effort, skip: tuple[str, ...]) ->
             **others,
         }
         if effort.speed:
-            row["speed"] = timed(robot, effort, parts, solvers)
+            row["seconds a pose"] = timed(robot, effort, parts, solvers, first_of_kind)
         if effort.rounds and first_of_kind:
             run = in_a_process("benchmarks.real_arms", "--answer", name, JAX_ENABLE_X64="1")
             if run.get("miss", np.inf) < CLOSES:
@@ -360,18 +356,19 @@ def main() -> int:
     jax.config.update("jax_platforms", "cpu")
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_compilation_cache_dir", None)
-    return run_and_save(options.only, tuple(options.skip), options.quick, options.save)
+    return table_of(options.only, tuple(options.skip), options.quick, options.save)
 
 
-def run_and_save(only: list[str] | None, skip: tuple[str, ...], quick: bool, save: bool) -> int:
+def table_of(only: list[str] | None, skip: tuple[str, ...], quick: bool, save: bool) -> int:
     """The table, printed and saved; the exit code."""
     todo = arms()
     names = only or (QUICK_ARMS if quick else list(todo))
     skip = tuple(arms_peers.PEERS) if "peers" in skip else skip
     report = measure({name: todo[name] for name in names}, QUICK if quick else Effort(), skip)
+    code = report.finish(arms_page.STEM if save else None)
     if save:
-        arms_page.write(report)
-    return report.finish("arm-table" if save else None)
+        arms_page.collect()
+    return code
 
 
 QUICK_ARMS = ["irb120_ik", "ur5e_ik", "so100"]
