@@ -105,12 +105,12 @@ def test_another_library_is_judged_as_ours(arms, monkeypatch):
         {"other": ("other", lambda _: arms_peers.Peer("other", one, lambda q: q))},
     )
     report = real_arms.measure({"irb120_ik": robot}, FEW, ())
-    other = report.data["arms"]["irb120_ik"]["peers"]["other"]
-    poses = sum(s["poses"] for s in other["sets"].values())
-    assert other["claimed"] == 2 * poses
-    assert other["spurious"] == poses
-    assert all(s["found"] == s["poses"] for s in other["sets"].values())
-    assert other["recall"] == pytest.approx(1 / 8, abs=0.05)
+    judged = report.data["arms"]["irb120_ik"]["peers"]["other"]
+    poses = sum(s["poses"] for s in judged["sets"].values())
+    assert judged["claimed"] == 2 * poses
+    assert judged["spurious"] == poses
+    assert all(s["found"] == s["poses"] for s in judged["sets"].values())
+    assert judged["recall"] == pytest.approx(1 / 8, abs=0.05)
     assert not report.wrong, "another library's mistakes are not ours"
 
 
