@@ -89,6 +89,11 @@ def test_the_table_without_other_libraries(arms, tmp_path, monkeypatch):
     assert "No other library was installed." in page
 
 
+def test_the_command_without_other_libraries(capsys):
+    assert real_arms.table_of(["so100"], ("peers",), quick=True, save=False) == 0
+    assert "every answer of ours: right" in capsys.readouterr().out
+
+
 def test_another_library_is_judged_as_ours(arms, monkeypatch):
     """One that has one solution of a pose at random and is wrong in another."""
     robot = arms["irb120_ik"]
