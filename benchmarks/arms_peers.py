@@ -24,7 +24,7 @@ from benchmarks.measure import version_of
 from benchmarks.peers import Solver, UnsuitedError
 from benchmarks.reference import forward_kinematics
 
-PREPARE = 60
+PREPARE = 30
 """CPU seconds."""
 
 SAME_ARM = 1e-9
@@ -89,6 +89,7 @@ def solvers(robot: nj.Robot, skip: tuple[str, ...] = ()) -> tuple[list[Peer], di
                 with warnings.catch_warnings(), at_most(PREPARE):
                     warnings.simplefilter("ignore")
                     solver = build(robot)
+                    _answers_at_all(robot, solver)
             except UnsuitedError as error:
                 absent[name] = str(error)
             except TooLong:
@@ -100,6 +101,16 @@ def solvers(robot: nj.Robot, skip: tuple[str, ...] = ()) -> tuple[list[Peer], di
                 spent = time.perf_counter() - started
                 found.append(dataclasses.replace(solver, preparation=spent))
     return found, absent
+
+
+def _answers_at_all(robot: nj.Robot, solver: Peer) -> None:
+    """Some take an arm and then refuse each of its poses: let this one say why."""
+    pose = forward_kinematics(robot, np.random.default_rng(1).uniform(-1, 1, (8, robot.joints)))
+    for target in pose[:-1]:
+        with contextlib.suppress(Exception):
+            solver.one(solver.given(target))
+            return
+    solver.one(solver.given(pose[-1]))
 
 
 def _same_arm(robot: nj.Robot, forward: Callable[[np.ndarray], np.ndarray]) -> None:
