@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 import niryo_jax as nj
+from benchmarks import singular
 from benchmarks.measure import version_of
 from benchmarks.peers import Solver, UnsuitedError
 from benchmarks.reference import forward_kinematics
@@ -126,10 +127,30 @@ def _rows(answer: Any, joints: int) -> np.ndarray:
 
 def axes_and_steps(robot: nj.Robot) -> tuple[np.ndarray, np.ndarray]:
     """(n, 3) directions, and (n + 1, 3) from a point of each axis to one of the next, then the
-    tool's: the H and P of IK-Geo, at home."""
+    tool's: the H and P of IK-Geo, at home.
+
+    Axes that meet get the point where they do, which is where ssik looks for it.
+    """
     screws, home = np.asarray(robot.screws), np.asarray(robot.home)
-    points = [*np.cross(screws[:, :3], screws[:, 3:]), home[:3, 3]]
-    return screws[:, :3], np.diff(points, axis=0, prepend=np.zeros((1, 3)))
+    axes, foot = screws[:, :3], np.cross(screws[:, :3], screws[:, 3:])
+    points = list[np.ndarray]()
+    for i in range(robot.joints):
+        meeting = [_meeting(axes, foot, i, j) for j in (i + 1, i - 1) if 0 <= j < robot.joints]
+        point = next((x for x in meeting if x is not None), foot[i])
+        same = points and np.linalg.norm(point - points[-1]) < SAME_ARM
+        points.append(points[-1] if same else point)
+    return axes, np.diff([*points, home[:3, 3]], axis=0, prepend=np.zeros((1, 3)))
+
+
+def _meeting(axes: np.ndarray, point: np.ndarray, i: int, j: int) -> np.ndarray | None:
+    """Where axes i and j meet, if they do."""
+    between = np.cross(axes[i], axes[j])
+    if np.linalg.norm(between) < SAME_ARM:
+        return None
+    between /= np.linalg.norm(between)
+    lines = np.stack([axes[i], -axes[j], between], axis=1)
+    along, _, apart = np.linalg.solve(lines, point[j] - point[i])
+    return point[i] + axes[i] * along if abs(apart) < SAME_ARM else None
 
 
 def _ssik(robot: nj.Robot) -> Peer:
@@ -141,7 +162,7 @@ def _ssik(robot: nj.Robot) -> Peer:
         solver = ssik.Manipulator.from_prebuilt(robot.name)
         _same_arm(robot, solver.fk)
     except (ValueError, UnsuitedError):
-        limits = np.stack([robot.lower, robot.upper], axis=1)
+        limits = np.stack(singular.limits(robot), axis=1)
         solver = ssik.Manipulator.from_axes(*axes_and_steps(robot), limits=limits)
         # It takes the tool frame to be parallel to the base frame at home.
         turn = np.asarray(robot.home)[:3, :3]
