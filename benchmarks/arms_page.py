@@ -34,13 +34,14 @@ _SIX = """- *solutions*: how many a random pose has, in the mean and at most.
   {searched} random poses, those that are among the answers.
 - *complete*: of the random poses, those of which it is said that there is no other solution.
 - *1e-3, 1e-6, 1e-9*: made-by near singular postures, and behind the stroke complete. What is not
-  made-by there is answered by another solution, or by one that is named as one of infinitely
-  many."""
+  made-by there is answered by others, by one that is named as one of infinitely many, or not at
+  all; where the answer is called complete nevertheless, the claim is false and stands above."""
 
 _SEVEN = """An arm of seven or eight joints has curves of solutions; up to 16 of them are
 returned. The share of poses answered within the limits, at random and near singular postures.
 Nothing is said to be complete, and nothing is. *ssik*: the share that it answers within the
-limits, and microseconds a pose."""
+limits, and microseconds a pose: by its own artefact where it comes with one, else by its class,
+which by its own word covers less than an artefact that is built first."""
 
 _KINDS = """*Found*: made-by (below), of arms of seven and eight joints answered within the
 limits; of all arms of the kind. *Complete*: of random poses. The first arm of each kind is timed
