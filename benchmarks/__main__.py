@@ -15,6 +15,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from benchmarks import arms_page
 from benchmarks.measure import RESULTS
 
 PARTS = (
@@ -41,13 +42,14 @@ Made by `python -m benchmarks --save`; [how to read it](performance.md).
 
 
 def collect() -> None:
-    """Write the latest table of each part to one page of the documentation."""
+    """Write the latest table of each part to one page, and that of real arms to its own."""
     pages = [_HEAD]
     for part in PARTS:
         for path in sorted(RESULTS.glob(f"*-{part.replace('_', '-')}.md"))[-1:]:
             # A level deeper, below the title of the page.
             pages.append(re.sub(r"^#", "##", path.read_text(), flags=re.MULTILINE))
     PAGE.write_text("\n".join(pages))
+    arms_page.collect()
 
 
 def main() -> int:

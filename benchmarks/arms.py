@@ -1,12 +1,15 @@
-"""Arms with six revolute joints of any geometry: recall, proofs and speed, beside many guesses.
+"""Arms with six revolute joints of any geometry, and all real ones: recall, proofs and speed.
 
-    python -m benchmarks.arms [--poses 2000] [--speed-poses 16384] [--arms FILE] [--save]
+    python -m benchmarks.arms [--only general | table] [--poses 2000] [--speed-poses 16384]
+                              [--arms FILE] [--quick] [--save]
 
-Arms with axes at random, shipped arms with every axis off by 1e-6 to 1e-2 (metres and radians), and
-the arms of a JSON file as of `benchmarks.honesty` that have six revolute joints and no closed form.
-Poses are made by forward kinematics, so each has a solution that is known. A pose that is called
-complete without it, a joint vector that misses its pose, and a certified pose of which Newton's
-method from 400 guesses knows one solution more make it fail.
+The table of real arms is that of `benchmarks.real_arms`, which docs/arms.md is made of. The general
+ones are arms with axes at random, shipped arms with every axis off by 1e-6 to 1e-2 (metres and
+radians), and the arms of a JSON file as of `benchmarks.honesty`, where none is named the real ones,
+that have six revolute joints and no closed form. Poses are made by forward kinematics, so each has
+a solution that is known. A pose that is called complete without it, a joint vector that misses its
+pose, and a certified pose of which Newton's method from 400 guesses knows one solution more make it
+fail. `--quick` makes few poses of few arms and times nothing of the table.
 """
 
 from __future__ import annotations
@@ -26,8 +29,8 @@ import jax
 import numpy as np
 
 import niryo_jax as nj
-from benchmarks import reference
-from benchmarks.honesty import from_file, off
+from benchmarks import real_arms, reference
+from benchmarks.honesty import REAL_ARMS, from_file, off
 from benchmarks.measure import Claim, Report, Timed, about, alternate, header, in_a_process, table
 from niryo_jax.ik.methods.multistart import solve_multistart
 
@@ -154,7 +157,9 @@ def main() -> int:
     parser.add_argument("--poses", type=int, default=2000)
     parser.add_argument("--speed-poses", type=int, default=16384)
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--arms", type=Path, help="a JSON file of further arms")
+    parser.add_argument("--arms", type=Path, default=REAL_ARMS, help="a JSON file of further arms")
+    parser.add_argument("--only", choices=("general", "table"), help="one of the two parts")
+    parser.add_argument("--quick", action="store_true", help="few arms and few poses")
     parser.add_argument("--save", action="store_true", help="write to benchmarks/results/")
     parser.add_argument("--answer", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -164,12 +169,22 @@ def main() -> int:
     jax.config.update("jax_platforms", "cpu")
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_compilation_cache_dir", None)
+    codes = []
+    if options.only != "table":
+        codes.append(_general(options))
+    if options.only != "general":
+        codes.append(real_arms.table_of(None, (), options.quick, options.save))
+    return max(codes)
+
+
+def _general(options: argparse.Namespace) -> int:
     todo = [at_random(seed) for seed in range(4)]
     todo += [off_by(name, size) for name in NOMINAL for size in ERRORS]
-    if options.arms is not None:
-        others = [case.robot for case in from_file(options.arms)]
-        todo += [robot for robot in others if robot.is_general]
-    report = measure(todo, options.poses, options.speed_poses, options.rounds)
+    todo += [case.robot for case in from_file(options.arms) if case.robot.is_general]
+    poses, speed_poses = options.poses, options.speed_poses
+    if options.quick:
+        todo, poses, speed_poses = todo[:1], 64, 64
+    report = measure(todo, poses, speed_poses, options.rounds)
     return report.finish("arms" if options.save else None)
 
 

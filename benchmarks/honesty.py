@@ -1,15 +1,17 @@
 """Whether what is said of a pose is true: no false proof, nothing spurious, at singularities too.
 
-    python -m benchmarks.honesty [--poses 200] [--variants 2] [--random 200] [--arms FILE] [--save]
+    python -m benchmarks.honesty [--poses 200] [--variants 2] [--random 200]
+                                 [--arms FILE | --no-arms] [--save]
 
 Poses are made by forward kinematics, so each has a solution that is known: a quarter with joints at
 multiples of 45 degrees, where axes align and arms stretch. The arms are those that are shipped, as
 they are and with errors of 1e-9 to 1e-2 in every axis, of numpy and of jax arrays, called as they
 are and inside of `jax.jit`; as many at random as asked for, of all families, handed over in as many
 ways, of which a quarter of the poses are at singularities that are searched for; and those of a
-JSON file {"arms": {name: {"screws", "home", "lower", "upper"}}}. A pose that is called unreachable,
-an answer called complete without the joint vector that made the pose (or, at a singularity, without
-any), and a joint vector that misses its pose by more than it says make it fail.
+JSON file {"arms": {name: {"screws", "home", "lower", "upper"}}}, where no file is named 66 real
+ones. A pose that is called unreachable, an answer called complete without the joint vector that
+made the pose (or, at a singularity, without any), and a joint vector that misses its pose by more
+than it says make it fail.
 """
 
 from __future__ import annotations
@@ -41,6 +43,9 @@ SAME = 1e-4
 
 SINGULAR = 1e-7
 """The smallest singular value of the Jacobian below which a posture is singular."""
+
+REAL_ARMS = Path(__file__).parent / "data" / "real_arms.json"
+"""Arms of four to eight joints, read from public descriptions."""
 
 _solve = jax.jit(lambda robot, pose: nj.inverse_kinematics(robot, pose))
 
@@ -257,7 +262,8 @@ def main() -> int:
     parser.add_argument("--poses", type=int, default=200)
     parser.add_argument("--variants", type=int, default=2)
     parser.add_argument("--random", type=int, default=200, help="how many random arms")
-    parser.add_argument("--arms", type=Path, help="a JSON file of further arms")
+    parser.add_argument("--arms", type=Path, default=REAL_ARMS, help="a JSON file of further arms")
+    parser.add_argument("--no-arms", dest="arms", action="store_const", const=None)
     parser.add_argument("--only", nargs="*", help="of these shipped arms alone")
     parser.add_argument("--save", action="store_true", help="write to benchmarks/results/")
     options = parser.parse_args()
