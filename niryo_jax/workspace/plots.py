@@ -24,9 +24,9 @@ from niryo_jax.workspace.drawing import (
     size,
     title,
 )
-from niryo_jax.workspace.extras import need
+from niryo_jax.extras import need
 from niryo_jax.workspace.fields import check_map, variable
-from niryo_jax.workspace.files import whole
+from niryo_jax.files import whole
 from niryo_jax.workspace.orientations import rotations_of
 from niryo_jax.workspace.variables import VOXELS
 
