@@ -200,7 +200,9 @@ def _times(matrix: jax.Array, vector: jax.Array) -> jax.Array:
     return jnp.sum(matrix * vector[..., None, :], axis=-1)
 
 
-def frame_jacobian(geometry: Geometry, q: Lanes, frame: VelocityFrame, *, materialise: bool) -> Lanes:
+def frame_jacobian(
+    geometry: Geometry, q: Lanes, frame: VelocityFrame, *, materialise: bool
+) -> Lanes:
     """The (6, n) Jacobian of the velocity in a frame; `materialise` as in `pose_and_jacobian`."""
     if frame != "tool_point":
         return pose_and_jacobian(geometry, q, frame, materialise=materialise)[1]

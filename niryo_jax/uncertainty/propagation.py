@@ -16,9 +16,9 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax import lanes
+from niryo_jax.arguments import check_finite, shown
 from niryo_jax.differential import VelocityFrame, check_frame, frame_jacobian
 from niryo_jax.ik import IKSolutions
-from niryo_jax.arguments import check_finite, shown
 from niryo_jax.lanes import Lanes
 from niryo_jax.lanes.batching import Edge, as_floating, check_shape, on_joints
 from niryo_jax.robot import Robot, check_is_robot
@@ -112,33 +112,38 @@ def _propagate(
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     n = geometry.joints
 
-    def moments(q: Lanes, covariance: Lanes, *mean: Lanes) -> tuple[Lanes, Lanes, Lanes]:
-        point = lanes.materialised(frame_jacobian(geometry, q, "tool_point", materialise=True))
+    def jacobian(q: Lanes, frame: VelocityFrame) -> Lanes:
+        # Kept once; what is kept on the way to it, and from it to the results, costs more than it
+        # saves.
+        return lanes.materialised(frame_jacobian(geometry, q, frame, materialise=True))
+
+    def moments(q: Lanes, covariance: Lanes, *mean: Lanes) -> tuple[Lanes, ...]:
+        point = jacobian(q, "tool_point")
         shift = _mean_shift(point, covariance, *mean)
         if frame == "tool_point":
-            whole = _through(point, covariance)
-            return whole, whole[3:, 3:], shift
-        jacobian = lanes.materialised(frame_jacobian(geometry, q, frame, materialise=True))
-        return _through(jacobian, covariance), _through(point[3:], covariance), shift
+            return _through(point, covariance), shift
+        whole = _through(jacobian(q, frame), covariance)
+        return whole, shift, _through(point[3:], covariance)
 
     edges: list[Edge] = [("covariance", covariance, (n, n))]
     if mean is not None:
         edges.append(("mean", mean, (n,)))
-    return on_joints(moments, q, n, *edges)
+    whole, shift, *position = on_joints(moments, q, n, *edges)
+    return whole, position[0] if position else whole[..., 3:, 3:], shift
 
 
 def _through(jacobian: Lanes, covariance: Lanes) -> Lanes:
     """J C J^T, of which each entry is worked out once, so that it is symmetric to the last bit."""
-    half = lanes.materialised(jacobian @ covariance)
+    half = jacobian @ covariance
     out = np.empty((len(jacobian), len(jacobian)), dtype=object)
     for i in range(len(jacobian)):
         for j in range(i + 1):
-            out[i, j] = out[j, i] = lanes.dot(half[i], jacobian[j])
+            out[i, j] = out[j, i] = lanes.materialise(lanes.dot(half[i], jacobian[j]))
     return out
 
 
 def _mean_shift(jacobian: Lanes, covariance: Lanes, mean: Lanes | None = None) -> Lanes:
-    """sum_j (1/2 M_jj w_j + sum_{i<j} M_ij w_i + m_j ...) x dp/dq_j with M = C + m m^T."""
+    """sum_j m_j p_j + (1/2 M_jj w_j + sum_{i<j} M_ij w_i) x p_j, p_j = dp/dq_j, M = C + m m^T."""
     second = covariance if mean is None else covariance + lanes.outer(mean, mean)
     omega, linear = jacobian[:3], jacobian[3:]
     out = lanes.lanes_of(np.zeros(3)) if mean is None else linear @ mean
@@ -202,13 +207,12 @@ def sensitivity(robot: Robot, q: ArrayLike, sigma: ArrayLike = 1.0) -> Sensitivi
     if sigma.ndim:
         check_shape("sigma", sigma, (robot.joints,))
     check_not_negative("sigma", sigma)
-    return Sensitivity(*_sensitivity(robot, q, jnp.broadcast_to(sigma, sigma.shape[:-1] + (robot.joints,))))
+    of_each = jnp.broadcast_to(sigma, (*sigma.shape[:-1], robot.joints))
+    return Sensitivity(*_sensitivity(robot, q, of_each))
 
 
 @specialised
-def _sensitivity(
-    geometry: Geometry, q: jax.Array, sigma: jax.Array
-) -> tuple[jax.Array, jax.Array]:
+def _sensitivity(geometry: Geometry, q: jax.Array, sigma: jax.Array) -> tuple[jax.Array, jax.Array]:
     def norms(q: Lanes, sigma: Lanes) -> tuple[Lanes, Lanes]:
         jacobian = frame_jacobian(geometry, q, "tool_point", materialise=True)
         linear = lanes.lanes_of([lanes.norm(column) for column in jacobian[3:].T])

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, ParamSpec
 import numpy as np
 
 from niryo_jax import arguments
+from niryo_jax.extras import need
+from niryo_jax.files import whole
 from niryo_jax.workspace.drawing import (
     BLUE,
     GREY,
@@ -24,9 +26,7 @@ from niryo_jax.workspace.drawing import (
     size,
     title,
 )
-from niryo_jax.extras import need
 from niryo_jax.workspace.fields import check_map, variable
-from niryo_jax.files import whole
 from niryo_jax.workspace.orientations import rotations_of
 from niryo_jax.workspace.variables import VOXELS
 
