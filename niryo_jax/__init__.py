@@ -74,7 +74,7 @@ __all__ = [
 ]
 
 _LATER = ("uncertainty", "workspace")
-"""Packages that are imported where they are first used: a third of all the modules that there are."""
+"""Packages imported where they are first used: a third of all the modules that there are."""
 
 
 def __getattr__(name: str) -> Any:

@@ -214,4 +214,5 @@ def frame_jacobian(
 
 
 def check_frame(frame: VelocityFrame) -> None:
+    """Raise a ValueError unless it is the name of a frame."""
     check_choice("frame", frame, get_args(VelocityFrame))

@@ -67,7 +67,7 @@ class MonteCarlo:
 
     @property
     def mean_shift(self) -> jax.Array:
-        """(..., 3) mean displacement of the tool's origin, metres, in the axes of the space frame."""
+        """(..., 3) mean displacement of the tool's origin, metres, axes of the space frame."""
         return self.mean[..., 3:]
 
     def ellipsoid(self, probability: float | None = None) -> Ellipsoid:
