@@ -20,7 +20,7 @@ from niryo_jax.ik.methods.sampled import solve_sampled
 
 MODULES = (
     *(nj, nj.so3, nj.se3, nj.subproblems, nj.robots, nj.motion, nj.workspace, nj.ik),
-    nj.workspace.plots,
+    *(nj.workspace.plots, nj.uncertainty, nj.uncertainty.figures, nj.figures),
 )
 NIRYO, IIWA = nj.robots.niryo_one(), nj.robots.kuka_iiwa14()
 AXIS, POINT, POSE = np.eye(6)[2], np.zeros(3), np.eye(4)

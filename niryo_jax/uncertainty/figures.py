@@ -73,7 +73,7 @@ def error_figure(
     with need("matplotlib").rc_context(STYLE):
         figure: Figure = need("matplotlib.figure").Figure(figsize=(7.2, 2.6), layout="compressed")
         *views, bars = figure.subplots(1, 3, width_ratios=[1, 1, 1.2])
-        reach = 1.05 * max(float(np.max(np.abs(cloud))), 1e-9)
+        reach = 1.3 * max(float(np.max(np.abs(cloud))), 1e-9)
         for axes, section in zip(views, _SECTIONS):
             _draw_section(axes, section, cloud, position, shift, radius, probability)
             axes.set(xlim=(-reach, reach), ylim=(-reach, reach))

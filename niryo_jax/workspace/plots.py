@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "PLOTS",
-    "differences",
     "dexterity",
+    "differences",
     "manipulability",
     "overview",
     "save",
