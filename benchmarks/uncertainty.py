@@ -1,9 +1,8 @@
 """Errors of joints: propagation and Monte Carlo beside numpy, on one core.
 
-    python -m benchmarks.uncertainty [--configurations 65536] [--samples 10000000] [--rounds 5] [--save]
+    python -m benchmarks.uncertainty [--configurations 65536] [--samples 10000000] [--rounds 5]
 
-Numpy is given Jacobians for nothing in propagation, and in Monte Carlo does what we do: draws, forward
-kinematics, moments and percentiles. The exit code is 1 where an answer of ours is wrong.
+In Monte Carlo numpy does what we do: draws, forward kinematics, moments and percentiles. The exit code is 1 where an answer of ours is wrong.
 """
 
 from __future__ import annotations

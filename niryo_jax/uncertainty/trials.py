@@ -199,7 +199,7 @@ def _tried(
     start = jnp.zeros((*batch, 6), dtype), jnp.zeros((*batch, 6, 6), dtype)
     numbers = jnp.arange(-(-samples // chunk))
     (mean, scatter), norms = jax.lax.scan(merge, start, numbers)
-    norms = jnp.moveaxis(norms, 0, -2).reshape(*batch, -1)[..., :samples]
+    norms = jnp.moveaxis(norms, 0, -2).reshape(*batch, len(numbers) * chunk)[..., :samples]
     return mean, scatter / (samples - 1), norms
 
 
