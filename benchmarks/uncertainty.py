@@ -2,7 +2,8 @@
 
     python -m benchmarks.uncertainty [--configurations 65536] [--samples 10000000] [--rounds 5]
 
-In Monte Carlo numpy does what we do: draws, forward kinematics, moments and percentiles. The exit code is 1 where an answer of ours is wrong.
+In Monte Carlo numpy does what we do: draws, forward kinematics, moments and percentiles. The exit
+code is 1 where an answer of ours is wrong.
 """
 
 from __future__ import annotations

@@ -22,6 +22,16 @@ Q = np.array([0.3, -0.2, 0.4, 0.5, -0.6, 0.7])
 KEY = jax.random.key(5)
 
 
+# Three joints, for programs of traced screws take long to compile: the elbow and the shoulder are
+# parallel, and stretched at q = 0.
+SMALL = nj.Robot.from_axes(
+    axes=np.eye(3)[[2, 1, 1]],
+    points=np.array([[0, 0, 0], [0, 0, 0.2], [0.3, 0, 0.2]]),
+    home=np.array([[1.0, 0, 0, 0.5], [0, 1, 0, 0.1], [0, 0, 1, 0.2], [0, 0, 0, 1]]),
+)
+SMALL_Q = np.array([0.3, -0.4, 0.9])
+
+
 def spread(n=6, scale=1e-4, seed=0):
     """A covariance with correlations."""
     a = np.random.default_rng(seed).standard_normal((n, n))
@@ -98,17 +108,19 @@ def test_the_frame_is_that_of_the_jacobian(frame):
 
 @functools.cache
 def poses_of_the_table():
-    targets = np.stack([TABLE_2_1[i].pose for i in (1, 2)])
-    return np.asarray(nj.inverse_kinematics(NIRYO, targets).q[:, 0])
+    """Joint vectors of poses 2 and 3 of Table 2.1."""
+    degrees = [
+        [-45, -29.0303, -38.3463, 0, -22.6234, -45],
+        [-45, -46.8656, -34.8624, 0, -8.272, -45],
+    ]
+    return np.deg2rad(degrees)
 
 
 def test_the_figures_of_the_lab_report_corrected():
     q = poses_of_the_table()
-    np.testing.assert_allclose(
-        np.rad2deg(q),
-        [[-45, -29.0303, -38.3463, 0, -22.6234, -45], [-45, -46.8656, -34.8624, 0, -8.272, -45]],
-        atol=1e-4,
-    )
+    targets = np.stack([TABLE_2_1[i].pose for i in (1, 2)])
+    np.testing.assert_allclose(pose(NIRYO, q[0]), targets[0], atol=1e-6)
+    np.testing.assert_allclose(pose(NIRYO, q[1]), targets[1], atol=1e-6)
     found = un.propagate(NIRYO, q, SIGMA**2 * np.eye(6))
     np.testing.assert_allclose(1e3 * found.rms, [3.85, 3.97], atol=5e-3)
     axes = [[2.867, 2.098, 1.475], [3.021, 2.095, 1.490]]
@@ -152,11 +164,11 @@ def test_an_ellipsoid_holds_its_share():
 @functools.cache
 def trials(samples=1_000_000):
     noise = un.Gaussian.independent(np.full(6, SIGMA))
-    return un.monte_carlo(NIRYO, poses_of_the_table(), noise, KEY, samples)
+    return un.monte_carlo(NIRYO, poses_of_the_table()[1], noise, KEY, samples)
 
 
 def test_trials_agree_with_the_formula_within_three_standard_errors():
-    q = poses_of_the_table()
+    q = poses_of_the_table()[1]
     found = un.propagate(NIRYO, q, SIGMA**2 * np.eye(6))
     side = un.compare(found, trials())
     assert np.all(side.agrees(3.0))
@@ -167,20 +179,21 @@ def test_trials_agree_with_the_formula_within_three_standard_errors():
     assert not np.any(un.compare(unshifted, trials()).agrees(3.0))
     percents = 1e3 * np.asarray(trials().percentiles)
     assert np.all(np.diff(percents) > 0)
-    np.testing.assert_allclose(percents[:, 0], [3.30, 3.38], atol=0.01)
+    np.testing.assert_allclose(percents[0], 3.38, atol=0.01)
     assert np.all(trials().mean_norm < trials().rms)
 
 
-@pytest.mark.parametrize("samples", [2, 777, 70_000])
+@pytest.mark.parametrize("samples", [2, 70_000])
 def test_moments_are_those_of_the_very_draws(samples):
-    noise = un.Gaussian(spread())
-    found = un.monte_carlo(NIRYO, Q, noise, KEY, samples, percentiles=(0, 30, 100))
+    noise = un.Gaussian(spread(3))
+    found = un.monte_carlo(SMALL, SMALL_Q, noise, KEY, samples, percentiles=(0, 30, 100))
     chunk = min(samples, 65_536)
     parts = [
-        noise.sample(jax.random.fold_in(KEY, i), Q, chunk) for i in range(-(-samples // chunk))
+        noise.sample(jax.random.fold_in(KEY, i), SMALL_Q, chunk)
+        for i in range(-(-samples // chunk))
     ]
-    q = Q + np.concatenate(parts)[:samples]
-    nominal, moved = nj.forward_kinematics(NIRYO, Q), nj.forward_kinematics(NIRYO, q)
+    q = SMALL_Q + np.concatenate(parts)[:samples]
+    nominal, moved = nj.forward_kinematics(SMALL, SMALL_Q), nj.forward_kinematics(SMALL, q)
     turn = nj.so3.log(moved[:, :3, :3] @ nominal[:3, :3].T)
     rows = np.concatenate([turn, moved[:, :3, 3] - nominal[:3, 3]], -1)
     np.testing.assert_allclose(found.mean, rows.mean(0), atol=1e-14)
@@ -261,16 +274,22 @@ def test_a_factor_of_a_semidefinite_matrix():
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("batch", BATCHES)
 def test_batches_and_dtypes(batch, dtype):
-    q = np.broadcast_to(Q, (*batch, 6)).astype(dtype)
-    c = spread().astype(dtype)
-    found = un.propagate(NIRYO, q, c)
-    alone = un.sensitivity(NIRYO, q, dtype(SIGMA))
-    tried = un.monte_carlo(NIRYO, q, un.Gaussian(spread()), KEY, 50)
+    q = np.broadcast_to(SMALL_Q, (*batch, 3)).astype(dtype)
+    c = spread(3).astype(dtype)
+    found = un.propagate(SMALL, q, c)
+    alone = un.sensitivity(SMALL, q, dtype(SIGMA))
+    tried = un.monte_carlo(SMALL, q, un.Gaussian(spread(3)), KEY, 50)
     shapes = {
         (6, 6): (found.covariance, tried.covariance),
         (3, 3): (found.position_covariance, found.ellipsoid(0.9).directions),
-        (3,): (found.mean_shift, found.ellipsoid(0.9).half_axes, tried.percentiles),
-        (6,): (alone.position, alone.rotation, tried.mean),
+        (3,): (
+            found.mean_shift,
+            alone.position,
+            alone.rotation,
+            found.ellipsoid(0.9).half_axes,
+            tried.percentiles,
+        ),
+        (6,): (tried.mean,),
         (): (found.rms, tried.rms, tried.mean_norm),
     }
     for shape, arrays in shapes.items():
@@ -278,23 +297,13 @@ def test_batches_and_dtypes(batch, dtype):
             assert array.shape == (*batch, *shape)
             assert array.dtype == dtype
             assert np.all(np.isfinite(array))
-    truth = np.asarray(un.propagate(NIRYO, Q, spread()).covariance)
+    truth = np.asarray(un.propagate(SMALL, SMALL_Q, spread(3)).covariance)
     tolerance = 30 * eps(dtype) * np.max(truth)
     if q.size:
         np.testing.assert_allclose(
             np.asarray(found.covariance, np.float64).reshape(-1, 6, 6)[-1], truth, atol=tolerance
         )
     assert un.compare(found, tried).agrees().shape == batch
-
-
-# Three joints, for programs of traced screws take long to compile: the elbow and the shoulder are
-# parallel, and stretched at q = 0.
-SMALL = nj.Robot.from_axes(
-    axes=np.eye(3)[[2, 1, 1]],
-    points=np.array([[0, 0, 0], [0, 0, 0.2], [0.3, 0, 0.2]]),
-    home=np.array([[1.0, 0, 0, 0.5], [0, 1, 0, 0.1], [0, 0, 1, 0.2], [0, 0, 0, 1]]),
-)
-SMALL_Q = np.array([0.3, -0.4, 0.9])
 
 
 def measure(robot, q, c):

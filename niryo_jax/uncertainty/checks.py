@@ -43,11 +43,11 @@ def check_covariance(name: str, value: Any, joints: int | None = None) -> None:
 
 def check_key(name: str, value: Any) -> None:
     """Raise a TypeError unless it is one key of `jax.random`, or what one is made of."""
-    dtype = getattr(value, "dtype", None)
-    if isinstance(value, jax.Array) and jnp.issubdtype(dtype, jax.dtypes.prng_key):
+    if isinstance(value, jax.Array) and jnp.issubdtype(value.dtype, jax.dtypes.prng_key):
         one = value.ndim == 0
     else:
-        one = isinstance(value, (jax.Array, np.ndarray)) and dtype == np.uint32 and value.ndim == 1
+        array = isinstance(value, (jax.Array, np.ndarray))
+        one = array and value.dtype == np.uint32 and value.ndim == 1
     if not one:
         raise TypeError(f"{name}: expected one key of jax.random, got {shown(value)}")
 

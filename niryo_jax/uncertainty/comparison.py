@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -74,7 +75,7 @@ def compare(propagated: Propagated, trials: MonteCarlo) -> Comparison:
     Raises:
         ValueError: another frame. TypeError: arguments that are none of these.
     """
-    pairs: tuple[tuple[str, object, type], ...] = (
+    pairs: tuple[tuple[str, Any, type], ...] = (
         ("propagated", propagated, Propagated),
         ("trials", trials, MonteCarlo),
     )

@@ -241,9 +241,8 @@ def least_sensitive(
         ValueError, TypeError: as `propagate`; solutions that are none, or of another arm.
     """
     check_is_robot(robot)
-    given: object = solutions
-    if not isinstance(given, IKSolutions):
-        raise TypeError(f"solutions: expected IKSolutions, got {shown(given)}")
+    if not isinstance(solutions, IKSolutions):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise TypeError(f"solutions: expected IKSolutions, got {shown(solutions)}")
     check_shape("solutions", solutions.q, (robot.joints,))
     covariance = as_floating("covariance", covariance)
     check_covariance("covariance", covariance, robot.joints)

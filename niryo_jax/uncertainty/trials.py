@@ -127,12 +127,13 @@ def monte_carlo(
     mean, covariance, norms = _tried(
         robot, q, nominal, _Draws(cast, key), samples=count, chunk=chunk
     )
+    rms, mean_norm = _norms(norms)
     percents = _percentiles(norms, levels)
-    return MonteCarlo(mean, covariance, *_norms(norms), percents, levels, count)
+    return MonteCarlo(mean, covariance, rms, mean_norm, percents, levels, count)
 
 
 def _levels(percentiles: Sequence[float]) -> tuple[float, ...]:
-    given: object = percentiles
+    given: Any = percentiles
     if isinstance(given, str) or not isinstance(given, (Sequence, np.ndarray)):
         raise TypeError(f"percentiles: expected percents, got {shown(given)}")
     what = "percents from 0 to 100"
