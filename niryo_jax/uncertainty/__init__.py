@@ -3,6 +3,7 @@
 Frames have the names of `niryo_jax.differential`.
 """
 
+from niryo_jax.uncertainty import figures
 from niryo_jax.uncertainty.comparison import Comparison, compare
 from niryo_jax.uncertainty.ellipsoid import Ellipsoid, position_ellipsoid
 from niryo_jax.uncertainty.noise import (
@@ -39,6 +40,7 @@ __all__ = [
     "Sensitivity",
     "Uniform",
     "compare",
+    "figures",
     "least_sensitive",
     "monte_carlo",
     "position_ellipsoid",
