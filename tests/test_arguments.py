@@ -76,6 +76,7 @@ OTHERS: dict[str, Any] = {
     "map": None,
     "noise": nj.uncertainty.Uniform(0.1),
     "propagated": nj.uncertainty.Propagated(np.eye(6), np.eye(3), np.zeros(3), "tool_point"),
+    "solutions": jax.eval_shape(nj.inverse_kinematics, NIRYO, jax.ShapeDtypeStruct((4, 4), float)),
 }
 """What is no array."""
 

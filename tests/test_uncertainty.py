@@ -109,11 +109,8 @@ def test_the_frame_is_that_of_the_jacobian(frame):
 @functools.cache
 def poses_of_the_table():
     """Joint vectors of poses 2 and 3 of Table 2.1."""
-    degrees = [
-        [-45, -29.0303, -38.3463, 0, -22.6234, -45],
-        [-45, -46.8656, -34.8624, 0, -8.272, -45],
-    ]
-    return np.deg2rad(degrees)
+    above, at = (-29.0303, -38.3463, 0, -22.6234), (-46.8656, -34.8624, 0, -8.272)
+    return np.deg2rad([[-45, *between, -45] for between in (above, at)])
 
 
 def test_the_figures_of_the_lab_report_corrected():
@@ -188,10 +185,8 @@ def test_moments_are_those_of_the_very_draws(samples):
     noise = un.Gaussian(spread(3))
     found = un.monte_carlo(SMALL, SMALL_Q, noise, KEY, samples, percentiles=(0, 30, 100))
     chunk = min(samples, 65_536)
-    parts = [
-        noise.sample(jax.random.fold_in(KEY, i), SMALL_Q, chunk)
-        for i in range(-(-samples // chunk))
-    ]
+    keys = [jax.random.fold_in(KEY, i) for i in range(-(-samples // chunk))]
+    parts = [noise.sample(key, SMALL_Q, chunk) for key in keys]
     q = SMALL_Q + np.concatenate(parts)[:samples]
     nominal, moved = nj.forward_kinematics(SMALL, SMALL_Q), nj.forward_kinematics(SMALL, q)
     turn = nj.so3.log(moved[:, :3, :3] @ nominal[:3, :3].T)
@@ -279,6 +274,7 @@ def test_batches_and_dtypes(batch, dtype):
     found = un.propagate(SMALL, q, c)
     alone = un.sensitivity(SMALL, q, dtype(SIGMA))
     tried = un.monte_carlo(SMALL, q, un.Gaussian(spread(3)), KEY, 50)
+    half_axes = found.ellipsoid(0.9).half_axes
     shapes = {
         (6, 6): (found.covariance, tried.covariance),
         (3, 3): (found.position_covariance, found.ellipsoid(0.9).directions),
