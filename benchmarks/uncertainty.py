@@ -30,6 +30,9 @@ SIGMA = 0.01
 RIGHT = {"float64": 1e-13, "float32": 3e-6}
 """How far a covariance may be from the reference, as a share of its largest entry."""
 
+LEAST = 0.1
+"""Seconds a round of propagation lasts at the least."""
+
 CHUNK = 65_536
 """Draws that numpy handles at a time."""
 
@@ -67,7 +70,7 @@ def propagation(
             "numpy, Jacobian given", size, lambda t=theirs: t[0] @ t[1] @ np.swapaxes(t[0], -1, -2)
         )
         subjects = [ours, bare, *[whole] * (dtype == "float64")]
-        alternate(subjects, rounds)
+        alternate(subjects, rounds, LEAST)
         found = np.asarray(ours.result.covariance, np.float64)
         error = float(np.max(np.abs(found - truth)) / np.max(np.abs(truth)))
         if not error < right:

@@ -485,3 +485,47 @@ def test_trials_are_compared_in_their_frame_alone():
     found = un.propagate(NIRYO, Q, spread(), frame="body")
     with pytest.raises(ValueError, match=r"^propagated: expected the frame"):
         un.compare(found, tried())
+
+
+POSE_3 = ["-45", "-46.8656", "-34.8624", "0", "-8.2720", "-45", "--degrees"]
+
+
+def test_the_command_gives_the_figures_of_the_library(as_json):
+    code, said = as_json("uncertainty", *POSE_3, "--sigma", "0.5729578", "--samples", "2000")
+    assert code == 0
+    assert said["rms_m"] == pytest.approx(3.97e-3, abs=5e-6)
+    assert said["frame"] == "tool_point"
+    half_axes = np.array(said["half_axes_m"]) / said["half_axes_one_sigma_m"]
+    np.testing.assert_allclose(half_axes, np.sqrt(7.814728), rtol=1e-6)
+    alone = [1e3 * joint["position_m"] for joint in said["joints"]]
+    np.testing.assert_allclose(alone, [2.09, 2.30, 2.45, 0.09, 0.24, 0], atol=5e-3)
+    assert said["draws"]["samples"] == 2000
+    assert said["draws"]["rms_m"] == pytest.approx(said["rms_m"], rel=0.06)
+
+
+def test_the_command_draws_and_prints(cli, tmp_path):
+    pytest.importorskip("matplotlib")
+    picture = tmp_path / "errors.svg"
+    sigma = "0.1 0.1 0.1 0.1 0.1 0.2"
+    code, out, _ = cli("uncertainty", *POSE_3, "--sigma", sigma, "--figure", picture)
+    assert code == 0
+    assert "95 % ellipsoid" in picture.read_text()
+    assert f"wrote {picture}" in out
+    assert "rms about the mean" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--sigma", "-1"], "--sigma: expected 0 or more"),
+        (["--sigma", "1 2"], "--sigma: expected 6 finite numbers, got 2"),
+        (["--sigma", "1", "--samples", "1000000000000"], "samples: expected at most"),
+        (["--sigma", "1", "--probability", "1.5"], "probability: expected a probability"),
+        (["--sigma", "1", "--figure", "a.txt"], "path: expected a suffix of"),
+        ([], "Missing option"),
+    ],
+)
+def test_the_command_says_what_is_wrong(cli, options, message):
+    code, _, error = cli("uncertainty", *POSE_3, *options)
+    assert code == 2
+    assert message in error

@@ -25,9 +25,10 @@ def standard_normal(key: ArrayLike, shape: tuple[int, ...], dtype: np.dtype) -> 
     total = math.prod(shape)
     u, v = jax.random.uniform(key, (2, (total + 1) // 2), dtype)
     # 1 - u is never 0.
-    radius = jnp.sqrt(-2.0 * jnp.log1p(-u))
-    sin, cos = (lanes.materialise(part).array for part in lanes.sincos(Lane(2.0 * np.pi * v)))
-    return jnp.concatenate([radius * cos, radius * sin])[:total].reshape(shape)
+    radius = lanes.materialise(Lane(jnp.sqrt(-2.0 * jnp.log1p(-u))))
+    sin, cos = map(lanes.materialise, lanes.sincos(Lane(2.0 * np.pi * v)))
+    pair = [(radius * part).array for part in (cos, sin)]
+    return jnp.concatenate(pair)[:total].reshape(shape)
 
 
 def factor(covariance: jax.Array) -> jax.Array:

@@ -113,9 +113,9 @@ def _propagate(
     n = geometry.joints
 
     def jacobian(q: Lanes, frame: VelocityFrame) -> Lanes:
-        # Kept once; what is kept on the way to it, and from it to the results, costs more than it
-        # saves.
-        return lanes.materialised(frame_jacobian(geometry, q, frame, materialise=True))
+        # Kept once: what else is kept, on the way to it or from it, costs more than it saves.
+        chain = frame != "tool_point"
+        return lanes.materialised(frame_jacobian(geometry, q, frame, materialise=chain))
 
     def moments(q: Lanes, covariance: Lanes, *mean: Lanes) -> tuple[Lanes, ...]:
         point = jacobian(q, "tool_point")
@@ -138,7 +138,7 @@ def _through(jacobian: Lanes, covariance: Lanes) -> Lanes:
     out = np.empty((len(jacobian), len(jacobian)), dtype=object)
     for i in range(len(jacobian)):
         for j in range(i + 1):
-            out[i, j] = out[j, i] = lanes.materialise(lanes.dot(half[i], jacobian[j]))
+            out[i, j] = out[j, i] = lanes.dot(half[i], jacobian[j])
     return out
 
 
