@@ -40,7 +40,7 @@ from niryo_jax.lie import se3, so3
 from niryo_jax.robot import Robot
 
 if TYPE_CHECKING:
-    from niryo_jax import workspace
+    from niryo_jax import calibration, uncertainty, workspace
 
 __all__ = [
     "CurveEnd",
@@ -54,6 +54,7 @@ __all__ = [
     "arm_angle",
     "autodiff_space_jacobian",
     "body_jacobian",
+    "calibration",
     "condition_number",
     "follow",
     "forward_kinematics",
@@ -72,12 +73,16 @@ __all__ = [
     "space_jacobian",
     "subproblems",
     "tool_velocity",
+    "uncertainty",
     "workspace",
 ]
 
+_LATER = ("calibration", "uncertainty", "workspace")
+"""Packages imported where they are first used: a third of all the modules that there are."""
+
 
 def __getattr__(name: str) -> Any:
-    """`workspace`, imported where it is first used: a third of all the modules that there are."""
-    if name == "workspace":
-        return importlib.import_module("niryo_jax.workspace")
+    """The packages of `_LATER`."""
+    if name in _LATER:
+        return importlib.import_module(f"niryo_jax.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -51,7 +51,7 @@ def tool_velocity(
     Raises:
         ValueError: wrong shapes, an unknown frame.
     """
-    _check_frame(frame)
+    check_frame(frame)
     return _tool_velocity(robot, q, as_floating("rates", rates), frame=frame)
 
 
@@ -60,7 +60,7 @@ def _tool_velocity(
     geometry: Geometry, q: ArrayLike, rates: ArrayLike, frame: VelocityFrame
 ) -> jax.Array:
     def velocity(q: Lanes, rates: Lanes) -> Lanes:
-        return _jacobian(geometry, q, frame, materialise=False) @ rates
+        return frame_jacobian(geometry, q, frame, materialise=False) @ rates
 
     n = geometry.joints
     return on_joints(velocity, q, n, ("rates", rates, (n,)))
@@ -97,7 +97,7 @@ def joint_rates(
     Raises:
         ValueError: wrong shapes, an unknown frame, damping that is negative or not a number.
     """
-    _check_frame(frame)
+    check_frame(frame)
     q, velocity, d = (
         as_floating(name, value)
         for name, value in (("q", q), ("velocity", velocity), ("damping", damping))
@@ -124,7 +124,7 @@ def _joint_rates(
 ) -> jax.Array:
     n = geometry.joints
     jacobian = on_joints(
-        lambda q: lanes.materialised(_jacobian(geometry, q, frame, materialise=True)), q, n
+        lambda q: lanes.materialised(frame_jacobian(geometry, q, frame, materialise=True)), q, n
     )
     solve = _tall if n < 6 else _wide
     return solve(damped, jacobian, velocity, damping)
@@ -200,7 +200,9 @@ def _times(matrix: jax.Array, vector: jax.Array) -> jax.Array:
     return jnp.sum(matrix * vector[..., None, :], axis=-1)
 
 
-def _jacobian(geometry: Geometry, q: Lanes, frame: VelocityFrame, *, materialise: bool) -> Lanes:
+def frame_jacobian(
+    geometry: Geometry, q: Lanes, frame: VelocityFrame, *, materialise: bool
+) -> Lanes:
     """The (6, n) Jacobian of the velocity in a frame; `materialise` as in `pose_and_jacobian`."""
     if frame != "tool_point":
         return pose_and_jacobian(geometry, q, frame, materialise=materialise)[1]
@@ -211,5 +213,6 @@ def _jacobian(geometry: Geometry, q: Lanes, frame: VelocityFrame, *, materialise
     )
 
 
-def _check_frame(frame: VelocityFrame) -> None:
+def check_frame(frame: VelocityFrame) -> None:
+    """Raise a ValueError unless it is the name of a frame."""
     check_choice("frame", frame, get_args(VelocityFrame))

@@ -169,3 +169,7 @@ pose where that is more than a metre)."""
 
 POLYNOMIAL_NOISE = 500.0
 """The polynomial of a general arm is known to within this many times its estimated noise."""
+
+COVARIANCE = ByDtype(1e-10, 1e-5)
+"""A covariance that misses being symmetric, or positive semidefinite, by less than this share of
+its largest entry does for rounding."""

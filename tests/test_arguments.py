@@ -20,7 +20,7 @@ from niryo_jax.ik.methods.sampled import solve_sampled
 
 MODULES = (
     *(nj, nj.so3, nj.se3, nj.subproblems, nj.robots, nj.motion, nj.workspace, nj.ik),
-    nj.workspace.plots,
+    *(nj.workspace.plots, nj.uncertainty, nj.uncertainty.figures, nj.figures),
 )
 NIRYO, IIWA = nj.robots.niryo_one(), nj.robots.kuka_iiwa14()
 AXIS, POINT, POSE = np.eye(6)[2], np.zeros(3), np.eye(4)
@@ -56,19 +56,32 @@ SHAPED: dict[str, Any] = {
     "bounds": np.array([[-0.3] * 3, [0.3] * 3]),
     "lower": None,
     "upper": None,
+    "covariance": np.eye(6),
+    "mean": np.zeros(6),
 }
 """Arrays whose last axes have a shape, by the names of arguments."""
 
 BROADCAST: dict[str, Any] = {
     **dict.fromkeys(("duration", "distance"), 1.0),
     **dict.fromkeys(("t", "damping", "pitch", "arm_angle"), 0.0),
+    "sigma": 0.1,
+    "key": jax.random.key(0),
 }
 """Arrays of any shape."""
 
-OTHERS: dict[str, Any] = {"robot": NIRYO, "samples": 5, "voxel": 0.1, "map": None}
+OTHERS: dict[str, Any] = {
+    "robot": NIRYO,
+    "samples": 5,
+    "voxel": 0.1,
+    "map": None,
+    "noise": nj.uncertainty.Uniform(0.1),
+    "propagated": nj.uncertainty.Propagated(np.eye(6), np.eye(3), np.zeros(3), "tool_point"),
+    "solutions": jax.eval_shape(nj.inverse_kinematics, NIRYO, jax.ShapeDtypeStruct((4, 4), float)),
+}
 """What is no array."""
 
 OF_FUNCTION: dict[str, dict[str, Any]] = {
+    "uncertainty.position_ellipsoid": {"covariance": np.eye(3)},
     "so3.vee": {"matrix": np.eye(3)},
     "so3.project": {"matrix": np.eye(3)},
     "niryo_jax.arm_angle": {"robot": IIWA, "q": np.zeros(7)},
@@ -144,6 +157,9 @@ OPTIONS = {
     **dict.fromkeys(("samples", "number", "max_iterations", "seed", "first", "rolls"), (-1, 1.5)),
     "locked": (3, (1,), ("a", 0.0), (9, 0.0), (0, "abc")),
     "scaling": ("abc", 5j),
+    **dict.fromkeys(("noise", "solutions", "propagated", "trials"), ("zz",)),
+    "percentiles": ("95", (101,), 5),
+    "probability": ("a", 2.0, np.nan),
     "home": ("zz",),
     "tool": ("zz",),
     "name": (),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from niryo_jax.calibration import motions
 from niryo_jax.calibration.least_squares import least_squares
 from niryo_jax.calibration.measurements import linearised, measurements_of
 from niryo_jax.calibration.parameters import SETS, arm_of, parameters_of
+from niryo_jax.cli.app import run
 
 MM = 1e-4, 1e-4
 ARM = nj.robots.niryo_one()
@@ -22,6 +24,10 @@ ARM = nj.robots.niryo_one()
 
 def forward(robot, q):
     return np.asarray(product_of_exponentials(robot.screws, robot.home, q), float)
+
+
+Q = np.linspace(-0.5, 0.5, 60).reshape(10, 6)
+POSES = forward(ARM, Q)
 
 
 def noisy(pose, rng, size):
@@ -263,6 +269,27 @@ def test_files_are_read_in_their_units(tmp_path, rng):
     )
 
 
+def test_the_command_prints_what_it_found_and_what_it_cannot_tell(tmp_path, capsys):
+    q = Q + 0.1 * np.sin(np.arange(60.0)).reshape(10, 6)
+    places = forward(ARM, q + 0.01)[:, :3, 3] * 1e3
+    head = ",".join([*(f"q{i}_rad" for i in range(1, 7)), "x_mm", "y_mm", "z_mm"])
+    body = "\n".join(",".join(map(repr, [*a, *b])) for a, b in zip(q.tolist(), places.tolist()))
+    path = tmp_path / "data.csv"
+    path.write_text(f"{head}\n{body}\n")
+    asked = ["calibrate", str(path), "--parameters", "offsets"]
+    assert run([*asked, "--hold", "joint_6 offset", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    values = [found["parameters"][f"joint_{i} offset"] for i in range(1, 6)]
+    np.testing.assert_allclose(values, 0.01, atol=1e-9)
+    assert found["residuals"]["after"]["m"] < 1e-9
+    assert run([*asked, "--hold", "joint_6 offset"]) == 0
+    assert "joint_5 offset" in capsys.readouterr().out
+    assert run(asked) == 2
+    assert "joint_6 offset" in capsys.readouterr().err
+    assert run(["calibrate", str(tmp_path / "none.csv")]) == 2
+    assert "none.csv" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -282,10 +309,6 @@ def test_files_that_cannot_be_read_are_told_where(text, words, tmp_path):
     path.write_text(text)
     with pytest.raises(ValueError, match=words):
         calibration.read_measurements(path, ARM)
-
-
-Q = np.linspace(-0.5, 0.5, 60).reshape(10, 6)
-POSES = forward(ARM, Q)
 
 
 @pytest.mark.parametrize(

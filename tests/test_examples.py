@@ -117,3 +117,19 @@ def test_capability_map(niryo):
     assert np.all(np.any(solutions.within_limits, axis=-1))
     if result.picture is not None:
         assert result.picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_joint_errors(tmp_path):
+    drawing = importlib.util.find_spec("matplotlib") is not None
+    picture = tmp_path / "errors.png" if drawing else None
+    result = run("12_joint_errors", picture)
+    np.testing.assert_allclose(result.zyz, [[0, 90, 0]] * 2, atol=1e-9)
+    np.testing.assert_allclose(result.rms, [3.85, 3.97], atol=5e-3)
+    np.testing.assert_allclose(result.averaged * np.sqrt(200), result.rms)
+    assert np.all(np.linalg.norm(result.tests, axis=-1) < 1)
+    np.testing.assert_allclose(result.half_axes, result.drawn_half_axes, rtol=5e-3)
+    np.testing.assert_array_equal(np.argmax(result.alone, axis=-1), [2, 2])
+    assert np.all(result.agrees)
+    assert result.least == pytest.approx(3.85e-3, abs=5e-6)
+    if picture is not None:
+        assert picture.read_bytes().startswith(b"\x89PNG")

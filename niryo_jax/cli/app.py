@@ -25,6 +25,7 @@ _MODULES = {
     "simulate": "simulate",
     "describe": "arms",
     "robots": "arms",
+    "uncertainty": "uncertainty",
     "workspace": "workspace",
     "calibrate": "calibrate",
 }
@@ -48,7 +49,7 @@ def application(arguments: Sequence[str] = ()) -> typer.Typer:
         if isinstance(command, typer.Typer):
             app.add_typer(command, name=name)
         else:
-            settings = _NUMBERS if name in ("fk", "ik") else None
+            settings = _NUMBERS if name in ("fk", "ik", "uncertainty") else None
             app.command(name, context_settings=settings)(command)
     return app
 

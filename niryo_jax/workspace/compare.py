@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from niryo_jax.workspace.extras import need
+from niryo_jax.extras import need
 from niryo_jax.workspace.fields import SHARES, check_map, variable
 from niryo_jax.workspace.grid import Grid
 from niryo_jax.workspace.variables import VOXELS

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from niryo_jax.workspace.extras import need
+from niryo_jax.extras import need
 from niryo_jax.workspace.fields import SHARES, shown, variable
 from niryo_jax.workspace.variables import VOXELS
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from niryo_jax.arguments import check_path
+from niryo_jax.extras import need
+from niryo_jax.files import whole
 from niryo_jax.workspace.drawing import colours
-from niryo_jax.workspace.extras import need
 from niryo_jax.workspace.fields import check_map, shown
-from niryo_jax.workspace.files import whole
 from niryo_jax.workspace.variables import VOXELS
 
 if TYPE_CHECKING:

@@ -19,11 +19,11 @@ from jax.typing import ArrayLike
 from niryo_jax.arguments import check_count
 from niryo_jax.chain import joint_motion
 from niryo_jax.execution.devices import cores
+from niryo_jax.extras import need
 from niryo_jax.lanes import Lane
 from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.specialise import Geometry, specialised
 from niryo_jax.workspace.extent import box, joint_ranges
-from niryo_jax.workspace.extras import need
 from niryo_jax.workspace.progress import Progress
 from niryo_jax.workspace.variables import VOXELS
 

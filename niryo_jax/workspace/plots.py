@@ -5,12 +5,12 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec
+from typing import TYPE_CHECKING, ParamSpec
 
 import numpy as np
 
-from niryo_jax import arguments
+from niryo_jax.extras import need
+from niryo_jax.figures import STYLE, save
 from niryo_jax.workspace.drawing import (
     BLUE,
     GREY,
@@ -24,9 +24,7 @@ from niryo_jax.workspace.drawing import (
     size,
     title,
 )
-from niryo_jax.workspace.extras import need
 from niryo_jax.workspace.fields import check_map, variable
-from niryo_jax.workspace.files import whole
 from niryo_jax.workspace.orientations import rotations_of
 from niryo_jax.workspace.variables import VOXELS
 
@@ -36,27 +34,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
-_P = ParamSpec("_P")
+__all__ = [
+    "PLOTS",
+    "dexterity",
+    "differences",
+    "manipulability",
+    "overview",
+    "save",
+    "sections",
+    "solution_counts",
+    "volume_by_orientation",
+]
 
-_FORMATS: dict[str, dict[str, Any]] = {
-    ".png": {},
-    ".svg": {"metadata": {"Date": None}},
-    ".pdf": {"metadata": {"CreationDate": None}},
-}
-_STYLE = {
-    "font.family": "DejaVu Sans",
-    "font.size": 8,
-    "axes.titlesize": 8,
-    "axes.labelsize": 8,
-    "axes.linewidth": 0.6,
-    "figure.titlesize": 9,
-    "savefig.dpi": 200,
-    "savefig.bbox": "tight",
-    "savefig.pad_inches": 0.05,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "niryo_jax",
-    "pdf.fonttype": 42,
-}
+_P = ParamSpec("_P")
 
 
 def _styled(plot: Callable[_P, Figure]) -> Callable[_P, Figure]:
@@ -64,7 +54,7 @@ def _styled(plot: Callable[_P, Figure]) -> Callable[_P, Figure]:
     def styled(*args: _P.args, **kwargs: _P.kwargs) -> Figure:
         given = inspect.signature(plot).bind(*args, **kwargs).arguments
         check_map(*next(iter(given.items())))
-        with need("matplotlib").rc_context(_STYLE):
+        with need("matplotlib").rc_context(STYLE):
             figure = plot(*args, **kwargs)
         for axes in figure.axes:  # ticks are made when the figure is drawn, after the context
             axes.tick_params(which="both", labelsize=7, width=0.6)
@@ -263,25 +253,6 @@ PLOTS: dict[str, Callable[[xr.Dataset], Figure]] = {
     "manipulability": manipulability,
 }
 """The figures of one capability map, by name."""
-
-
-def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure as PNG (200 dots per inch), SVG or PDF, whichever the suffix names.
-
-    The text of an SVG or PDF stays text, and the same figure gives the same bytes.
-
-    Raises:
-        ValueError: another suffix.
-        OSError: the file cannot be written.
-    """
-    arguments.check_path("path", path)
-    if not hasattr(figure, "savefig"):
-        raise TypeError(f"figure: expected a matplotlib Figure, got {arguments.shown(figure)}")
-    suffix = Path(path).suffix.lower()
-    if suffix not in _FORMATS:
-        raise ValueError(f"path: expected a suffix of {', '.join(_FORMATS)}, got {str(path)!r}")
-    with need("matplotlib").rc_context(_STYLE), whole(path) as file:
-        figure.savefig(file, format=suffix[1:], **_FORMATS[suffix])
 
 
 def _figure(width: float, height: float) -> Figure:

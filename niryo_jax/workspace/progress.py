@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import Any
 
-from niryo_jax.workspace.extras import need
+from niryo_jax.extras import need
 
 Progress = Callable[[int, int], None]
 """Called now and then with how much is done, and with how much there is in all."""

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from niryo_jax.workspace.extras import need
+from niryo_jax.extras import need
 from niryo_jax.workspace.layout import CHECKSUM, NOT_DONE, QUATERNIONS, lay_out
 from niryo_jax.workspace.spec import Chunk, MapSpec
 from niryo_jax.workspace.variables import VARIABLES

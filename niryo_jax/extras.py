@@ -1,4 +1,4 @@
-"""The packages of the extra `workspace`, imported where they are needed."""
+"""The packages of the extra `workspace`, which draw and store, imported where they are needed."""
 
 from __future__ import annotations
 
