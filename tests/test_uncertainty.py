@@ -9,11 +9,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from support import BATCHES, DTYPES, LD, eps, product_of_exponentials, random_robot
+from support import BATCHES, DTYPES, LD, eps, expm, hat3, product_of_exponentials, random_robot
 
 import niryo_jax as nj
 from niryo_jax import uncertainty as un
 from niryo_jax.hardware.pick_and_place import TABLE_2_1
+from niryo_jax.lie.zyz import rotation_from_zyz, zyz_from_rotation
 from niryo_jax.uncertainty.normal import factor, radius_of, standard_normal
 
 SIGMA = 0.01
@@ -485,6 +486,18 @@ def test_trials_are_compared_in_their_frame_alone():
     found = un.propagate(NIRYO, Q, spread(), frame="body")
     with pytest.raises(ValueError, match=r"^propagated: expected the frame"):
         un.compare(found, tried())
+
+
+def test_zyz_angles_rebuild_the_rotation_and_follow_the_convention(rng):
+    angles = rng.uniform([-np.pi, 0.01, -np.pi], [np.pi, np.pi - 0.01, np.pi], (50, 3))
+    rotation = rotation_from_zyz(angles)
+    turns = [expm(hat3(axis * angles[:, i, None])) for i, axis in enumerate(np.eye(3)[[2, 1, 2]])]
+    np.testing.assert_allclose(rotation, turns[0] @ turns[1] @ turns[2], atol=1e-15)
+    np.testing.assert_allclose(zyz_from_rotation(rotation), angles, atol=1e-12)
+    # Where beta is 0 or pi gamma is 0, and alpha takes the whole turn.
+    for beta, alpha in ((0.0, 0.7 + 0.4), (np.pi, 0.7 - 0.4)):
+        found = zyz_from_rotation(rotation_from_zyz([0.7, beta, 0.4]))
+        np.testing.assert_allclose(found, [alpha, beta, 0.0], atol=1e-12)
 
 
 POSE_3 = ["-45", "-46.8656", "-34.8624", "0", "-8.2720", "-45", "--degrees"]

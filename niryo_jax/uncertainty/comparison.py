@@ -75,19 +75,19 @@ def compare(propagated: Propagated, trials: MonteCarlo) -> Comparison:
     Raises:
         ValueError: another frame. TypeError: arguments that are none of these.
     """
-    pairs: tuple[tuple[str, Any, type], ...] = (
-        ("propagated", propagated, Propagated),
-        ("trials", trials, MonteCarlo),
-    )
-    for name, value, kind in pairs:
-        if not isinstance(value, kind):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise TypeError(f"{name}: expected a {kind.__name__}, got {shown(value)}")
+    _check_kind("propagated", propagated, Propagated)
+    _check_kind("trials", trials, MonteCarlo)
     if propagated.frame != "tool_point":
         raise ValueError(
             f"propagated: expected the frame 'tool_point', got {propagated.frame!r}; trials are "
             "in no other"
         )
     return _compared(propagated, trials)
+
+
+def _check_kind(name: str, value: Any, kind: type) -> None:
+    if not isinstance(value, kind):
+        raise TypeError(f"{name}: expected a {kind.__name__}, got {shown(value)}")
 
 
 @jax.jit
