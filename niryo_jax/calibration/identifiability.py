@@ -31,17 +31,19 @@ class Identifiability(NamedTuple):
 def identifiability(jacobian: np.ndarray, names: tuple[str, ...]) -> Identifiability:
     """Of a Jacobian (rows, m) in standard deviations."""
     size = np.linalg.norm(jacobian, axis=0)
-    silent = size <= _DEPENDENT * size.max(initial=1e-300)
-    per = np.where(silent, 1.0, 1.0 / np.where(silent, 1.0, size))
-    values, right = np.linalg.svd(jacobian * per)[1:]
-    values = np.pad(values, (0, len(names) - len(values)))
-    told = values > _DEPENDENT * values[0]
+    seen = np.nonzero(size > _DEPENDENT * size.max(initial=0.0))[0]
+    silent = np.setdiff1d(np.arange(len(names)), seen)
+    values, right = np.linalg.svd(jacobian[:, seen] / size[seen])[1:]
+    values = np.pad(values, (0, len(seen) - len(values)))
+    told = values > _DEPENDENT * values.max(initial=0.0)
     rank = int(np.sum(told))
     null = right[~told]
     condition = float(values[0] / values[rank - 1]) if rank else np.inf
-    fixed = np.all(np.abs(null) < 1e-6, axis=0)
-    words = tuple(_in_words(row, names) for row in _sparse(null) * per)
-    return Identifiability(rank, condition, fixed, words)
+    fixed = np.zeros(len(names), bool)
+    fixed[seen] = np.all(np.abs(null) < 1e-6, axis=0)
+    words = [names[i] for i in silent]
+    words += [_in_words(row, [names[i] for i in seen]) for row in _sparse(null) / size[seen]]
+    return Identifiability(rank, condition, fixed, tuple(words))
 
 
 def _sparse(rows: np.ndarray) -> np.ndarray:
@@ -61,7 +63,7 @@ def _sparse(rows: np.ndarray) -> np.ndarray:
     return rows
 
 
-def _in_words(row: np.ndarray, names: tuple[str, ...]) -> str:
+def _in_words(row: np.ndarray, names: list[str]) -> str:
     """A combination, the largest parts first, as a sum."""
     row = row / np.abs(row).max()
     parts = [i for i in np.argsort(-np.abs(row), kind="stable") if abs(row[i]) > _SHOWN]

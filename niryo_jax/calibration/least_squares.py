@@ -17,7 +17,10 @@ from niryo_jax.calibration.parameters import Parameters
 from niryo_jax.robot import Robot
 
 _STEPS, _SCALES = 100, 8
-_FIRST, _LEAST, _MOST = 1e-3, 1e-12, 1e12
+_FIRST, _LEAST, _MOST = 1e-3, 1e-9, 1e12
+_SILENT = 1e-16
+"""A parameter whose square this share of others' is the rounding of, measurements do not tell."""
+
 _SETTLED = 1e-3
 
 
@@ -90,7 +93,8 @@ def _descended(
         count = np.sqrt(weights(loss, np.linalg.norm(r, axis=1), rows))
         flat = (jacobian * count[:, None, None]).reshape(-1, len(x))
         normal, slope = flat.T @ flat, flat.T @ (r * count[:, None]).ravel()
-        diagonal = np.maximum(np.diag(normal), 1e-300)
+        diagonal = np.diag(normal)
+        normal = normal + _SILENT * diagonal.max() * np.eye(len(x))
         while damping < _MOST:
             move = np.linalg.solve(normal + np.diag(damping * diagonal), slope)
             new = at(x + move)
