@@ -42,7 +42,7 @@ def identifiability(jacobian: np.ndarray, names: tuple[str, ...]) -> Identifiabi
     fixed = np.zeros(len(names), bool)
     fixed[seen] = np.all(np.abs(null) < 1e-6, axis=0)
     words = [names[i] for i in silent]
-    words += [_in_words(row, [names[i] for i in seen]) for row in _sparse(null) / size[seen]]
+    words += [_in_words(row, [names[i] for i in seen]) for row in _sparse(null / size[seen])]
     return Identifiability(rank, condition, fixed, tuple(words))
 
 
