@@ -119,6 +119,17 @@ def test_another_library_is_judged_as_ours(arms, monkeypatch):
     assert not report.wrong, "another library's mistakes are not ours"
 
 
+def test_another_library_may_answer_an_arm_with_joints_to_spare(arms):
+    """Of curves of solutions any will do; none is compared with others."""
+    robot = arms["mj_tidybot_gen3"]
+    q = np.zeros((2, 7))
+    solver = arms_peers.Peer("other", lambda pose: np.zeros((1, 7)), lambda answer: answer)
+    judged = real_arms.of_a_peer(robot, solver, {"random": q})
+    assert judged["sets"]["random"] == {"poses": 2, "made-by": 2, "found": 2}
+    assert judged["spurious"] == 0
+    assert not judged["solutions"]
+
+
 @pytest.mark.parametrize("what", ["spurious", "falsely complete", "unreachable"])
 def test_what_is_false_fails_the_table(arms, monkeypatch, what):
     solve = nj.inverse_kinematics
