@@ -105,7 +105,7 @@ def test_differential_kinematics():
     reason="the extra workspace is not installed",
 )
 def test_capability_map(niryo):
-    result = run("11_capability_map")
+    result = run("11_capability_map", 0.1, 24)
     assert result.undecided == 0
     assert result.volume.lower < result.volume.value < result.volume.upper
     # The tool stays within 0.46 m of the axis of joint 1: less than a ball of half a metre.
