@@ -329,7 +329,8 @@ def ahead(arms: dict[str, Row]) -> list[str]:
     for arm, row in arms.items():
         for name, peer in row["peers"].items():
             if row["joints"] > 6:
-                if peer["sets"]["random"]["found"] > row["beside"]["random"]["found"]:
+                theirs, mine = (x["random"] for x in (peer["sets"], row["beside"]))
+                if theirs["found"] * mine["poses"] > mine["found"] * theirs["poses"]:
                     limits.setdefault(name, []).append(arm)
             elif peer["recall"] > row["recall of all"]:
                 more.setdefault(name, []).append(arm)

@@ -51,6 +51,9 @@ CLOSES = 1e-6
 SAME = 1e-4
 """Radians within which joint vectors are one solution."""
 
+PATIENCE = 10
+"""Seconds after which another library is asked no further pose of a kind."""
+
 ENDLESS = nj.Singularity.SHOULDER, nj.Singularity.WRIST, nj.Singularity.SELF_MOTION
 """Names of infinitely many solutions, of which one is returned."""
 
@@ -201,8 +204,12 @@ def of_a_peer(robot: nj.Robot, solver: Peer, parts: dict[str, np.ndarray]) -> di
     solutions = list[np.ndarray]()
     for name, q in parts.items():
         pose = reference.forward_kinematics(robot, q)
-        made = answered = 0
+        made = answered = asked = 0
+        started = time.perf_counter()
         for target, wanted in zip(pose, q):
+            if time.perf_counter() - started > PATIENCE:
+                break
+            asked += 1
             claimed = doubted = np.zeros((0, robot.joints))
             try:
                 answer = solver.one(solver.given(target))
@@ -221,7 +228,7 @@ def of_a_peer(robot: nj.Robot, solver: Peer, parts: dict[str, np.ndarray]) -> di
             answered += len(right) > 0
             if name == "random" and robot.joints <= 6:
                 solutions.append(polished(robot, right, targets[good]))
-        counts["sets"][name] = {"poses": len(q), "made-by": made, "found": answered}
+        counts["sets"][name] = {"poses": asked, "made-by": made, "found": answered}
     counts["solutions"] = solutions
     return counts
 
@@ -257,9 +264,11 @@ def timed(
 ) -> dict[str, Any]:
     """Seconds a pose of the other libraries, and ours of a large batch."""
     pose = reference.forward_kinematics(robot, parts["random"][: effort.peers[0]])
-    subjects = {
-        solver.name: Timed(solver.name, len(pose), _all_of_it(solver, pose)) for solver in peers
-    }
+    subjects = dict[str, Timed]()
+    for solver in peers:
+        each = Timed("", 1, _all_of_it(solver, pose[:1])).first
+        few = pose[: max(1, int(PATIENCE / effort.rounds / each))]
+        subjects[solver.name] = Timed("", len(few), _all_of_it(solver, few))
     if ours:
         if method_for(robot) == "complete":
             low, high = singular.limits(robot)
