@@ -16,7 +16,6 @@ from niryo_jax.calibration import motions
 from niryo_jax.calibration.least_squares import least_squares
 from niryo_jax.calibration.measurements import linearised, measurements_of
 from niryo_jax.calibration.parameters import SETS, arm_of, parameters_of
-from niryo_jax.cli.app import run
 
 MM = 1e-4, 1e-4
 ARM = nj.robots.niryo_one()
@@ -269,7 +268,7 @@ def test_files_are_read_in_their_units(tmp_path, rng):
     )
 
 
-def test_the_command_prints_what_it_found_and_what_it_cannot_tell(tmp_path, capsys):
+def test_the_command_prints_what_it_found_and_what_it_cannot_tell(tmp_path, cli):
     q = Q + 0.1 * np.sin(np.arange(60.0)).reshape(10, 6)
     places = forward(ARM, q + 0.01)[:, :3, 3] * 1e3
     head = ",".join([*(f"q{i}_rad" for i in range(1, 7)), "x_mm", "y_mm", "z_mm"])
@@ -277,17 +276,21 @@ def test_the_command_prints_what_it_found_and_what_it_cannot_tell(tmp_path, caps
     path = tmp_path / "data.csv"
     path.write_text(f"{head}\n{body}\n")
     asked = ["calibrate", str(path), "--parameters", "offsets"]
-    assert run([*asked, "--hold", "joint_6 offset", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    code, out, _ = cli(*asked, "--hold", "joint_6 offset", "--json")
+    found = json.loads(out)
+    assert code == 0
     values = [found["parameters"][f"joint_{i} offset"] for i in range(1, 6)]
     np.testing.assert_allclose(values, 0.01, atol=1e-9)
     assert found["residuals"]["after"]["m"] < 1e-9
-    assert run([*asked, "--hold", "joint_6 offset"]) == 0
-    assert "joint_5 offset" in capsys.readouterr().out
-    assert run(asked) == 2
-    assert "joint_6 offset" in capsys.readouterr().err
-    assert run(["calibrate", str(tmp_path / "none.csv")]) == 2
-    assert "none.csv" in capsys.readouterr().err
+    code, out, _ = cli(*asked, "--hold", "joint_6 offset")
+    assert code == 0
+    assert "joint_5 offset" in out
+    code, _, err = cli(*asked)
+    assert code == 2
+    assert "joint_6 offset" in err
+    code, _, err = cli("calibrate", tmp_path / "none.csv")
+    assert code == 2
+    assert "none.csv" in err
 
 
 @pytest.mark.parametrize(
