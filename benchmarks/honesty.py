@@ -48,8 +48,6 @@ SINGULAR = 1e-7
 REAL_ARMS = Path(__file__).parent / "data" / "real_arms.json"
 """Arms of four to eight joints, read from public descriptions."""
 
-_solve = jax.jit(lambda robot, pose: nj.inverse_kinematics(robot, pose))
-
 
 @dataclasses.dataclass
 class Case:
@@ -64,7 +62,8 @@ class Case:
     def solve(self, pose: np.ndarray) -> nj.IKSolutions:
         """All solutions of the poses."""
         if self.jitted:
-            return _solve(self.robot, pose)
+            # A function of its own, so that the program goes with the case.
+            return jax.jit(lambda robot, pose: nj.inverse_kinematics(robot, pose))(self.robot, pose)
         return nj.inverse_kinematics(self.robot, pose)
 
 

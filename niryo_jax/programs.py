@@ -58,7 +58,8 @@ class Programs:
         try:
             return function(concrete, *arguments)
         finally:
-            if function.has_grown():
+            # What a caller compiles is kept by JAX, and needs room as well.
+            if function.has_grown() or not concrete:
                 self._let_go()
 
     def _let_go(self) -> None:

@@ -227,3 +227,22 @@ def test_every_aligned_wrist_at_multiples_of_45_degrees_is_solved_within_the_lim
     nearest, ok = answer.nearest(q)
     assert np.all(ok)
     np.testing.assert_allclose(nearest, q, atol=1e-9)
+
+
+def test_an_arm_angle_is_kept_along_a_self_motion_where_it_has_a_value():
+    robot = nj.robots.load("kuka_iiwa14")
+    stills = [[1], [3], [5], [1, 3], [1, 5], [3, 5], [1, 3, 5]]
+    q = np.repeat(within(robot, np.random.default_rng(3))[None], len(stills), axis=0)
+    for row, still in zip(q, stills):
+        row[:, still] = 0.0
+    angle = np.asarray(nj.arm_angle(robot, q))
+    answer = nj.inverse_kinematics(robot, nj.forward_kinematics(robot, q), arm_angle=angle)
+    assert np.all(np.asarray(answer.status) == IKStatus.SOLVED)
+    turned = (np.asarray(nj.arm_angle(robot, answer.q)) - angle[..., None] + np.pi) % TURN - np.pi
+    has_one = np.array([3 not in still for still in stills])[:, None, None]
+    assert np.all(np.abs(turned)[answer.found & has_one] < 1e-8)
+    named = np.asarray(answer.singularity) == Singularity.SELF_MOTION
+    assert np.all(named | has_one | ~np.asarray(answer.found))
+    nearest, ok = answer.nearest(q)
+    assert np.all(ok)
+    np.testing.assert_allclose(nearest, q, atol=1e-9)

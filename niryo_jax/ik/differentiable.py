@@ -20,7 +20,8 @@ from jax.custom_derivatives import SymbolicZero
 
 from niryo_jax._jax import is_concrete, opaque, untraced
 from niryo_jax.execution.padding import is_small
-from niryo_jax.ik.newton.implicit import Held, applied, rate_by_geometry, rate_map, zero_tangent
+from niryo_jax.ik.newton.held import Held
+from niryo_jax.ik.newton.implicit import applied, rate_by_geometry, rate_map, zero_tangent
 from niryo_jax.ik.results.solutions import IKSolutions
 from niryo_jax.ik.target import make_target
 from niryo_jax.robot import Robot

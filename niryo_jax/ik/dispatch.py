@@ -91,7 +91,7 @@ def inverse_kinematics(
             values it is a sampled family: pose[..., None, :, :] and values (k,).
         arm_angle: the same with the arm angle (...,) in place of a joint (`niryo_jax.arm_angle`),
             for seven joints of which axes 1, 2, 3 meet, and 5, 6, 7: what the arm can reach, it
-            reaches with any.
+            reaches with any. Where the arm is stretched or the wrist on axis 1 it binds nothing.
         q_ref: (..., n) joint vectors, radians, for the complete method and for tasks. Where the arm
             can move while the tool rests, the one of its infinitely many solutions that is nearest
             to q_ref stands for them (q_ref itself where it reaches the pose), whole turns

@@ -20,6 +20,8 @@ from niryo_jax import lanes
 from niryo_jax._jax import is_concrete
 from niryo_jax.execution.compaction import at_once, for_each_chunk
 from niryo_jax.execution.padding import program_size
+from niryo_jax.ik.closed_form.srs import has_angle
+from niryo_jax.ik.newton.held import Held
 from niryo_jax.ik.newton.newton_raphson import newton_raphson
 from niryo_jax.ik.newton.pose_error import extent
 from niryo_jax.ik.newton.self_motion import WALKERS, best_of_self_motion
@@ -37,7 +39,7 @@ from niryo_jax.ik.results.solutions import IKSolutions
 from niryo_jax.ik.results.status import IKStatus, Singularity
 from niryo_jax.ik.target import make_target
 from niryo_jax.robot import Robot
-from niryo_jax.specialise import Geometry, specialised_for_any_tool
+from niryo_jax.specialise import Geometry, specialised, specialised_for_any_tool
 from niryo_jax.tolerances import AT_REST
 
 _AT_ONCE, _FEW = 64, 64
@@ -47,7 +49,7 @@ _OUTSIDE = 100.0
 
 
 def within_limits(
-    robot: Robot, pose: jax.Array, answer: IKSolutions, held: int | None = None
+    robot: Robot, pose: jax.Array, answer: IKSolutions, held: Held = None
 ) -> IKSolutions:
     """The answer, with a representative within the limits where a self-motion has one.
 
@@ -55,8 +57,9 @@ def within_limits(
         robot: the arm.
         pose: (..., 4, 4) as they were given.
         answer: to these poses.
-        held: the number of a locked joint, if any.
+        held: what does not move, if anything.
     """
+    answer = _with_free_angle(robot, answer, held)
     return _replaced(robot, pose, answer, _endless_outside(answer), None, held)
 
 
@@ -82,7 +85,7 @@ def within_limits_along_curves(robot: Robot, pose: jax.Array, answer: IKSolution
 
 
 def near_reference(
-    robot: Robot, pose: jax.Array, answer: IKSolutions, q_ref: jax.Array, held: int | None = None
+    robot: Robot, pose: jax.Array, answer: IKSolutions, q_ref: jax.Array, held: Held = None
 ) -> IKSolutions:
     """The answer, with the representatives of self-motions that are nearest to joint vectors.
 
@@ -91,10 +94,26 @@ def near_reference(
         pose: (..., 4, 4) as they were given.
         answer: to these poses.
         q_ref: (..., n) joint vectors, whose batch is that of the poses.
-        held: the number of a locked joint, if any.
+        held: what does not move, if anything.
     """
+    answer = _with_free_angle(robot, answer, held)
     wanted = is_endless(answer)
     return _replaced(robot, pose, answer, (wanted, jnp.any(wanted)), q_ref, held)
+
+
+def _with_free_angle(robot: Robot, answer: IKSolutions, held: Held) -> IKSolutions:
+    """The answer, where what is held is an arm angle that has no value, and so holds nothing: the
+    upper arm turns while the tool rests."""
+    if held != "arm angle":
+        return answer
+    free = answer.found & ~_has_angle(robot, answer.q)
+    named = jnp.where(free, jnp.int32(Singularity.SELF_MOTION), answer.singularity)
+    return dataclasses.replace(answer, singularity=named)
+
+
+@specialised
+def _has_angle(geometry: Geometry, q: jax.Array) -> jax.Array:
+    return has_angle(geometry, q)
 
 
 @jax.jit
@@ -128,7 +147,7 @@ def _replaced(
     answer: IKSolutions,
     which: tuple[jax.Array, jax.Array],
     reference: jax.Array | None,
-    held: int | None = None,
+    held: Held = None,
     spare: bool = False,
 ) -> IKSolutions:
     """The answer, with others of their self-motions for some solutions: (..., slots) which, and
@@ -188,7 +207,7 @@ def _searched(
     lower: jax.Array,
     upper: jax.Array,
     periodic: tuple[bool, ...],
-    held: int | None,
+    held: Held,
     spare: bool,
 ) -> Ranked:
     """The solutions of poses (rows, 4, 4), with others of their self-motions for those `wanted`.

@@ -15,7 +15,10 @@ from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import on_joints
 from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.specialise import Geometry, specialised
-from niryo_jax.tolerances import VANISHING_LENGTH
+from niryo_jax.tolerances import MERGED_ROOT, VANISHING_LENGTH
+
+ELBOW = 3
+"""The number of the joint between shoulder and wrist."""
 
 
 def arm_angle(robot: Robot, q: ArrayLike) -> jax.Array:
@@ -54,14 +57,29 @@ def angle_of(geometry: Geometry, q: ArrayLike) -> jax.Array:
     """`arm_angle` of a geometry."""
 
     def angle(q: Lanes) -> Lane:
-        arm = srs_points(geometry.screws)
-        *_, (upper, _), (rotation, position) = link_motions(geometry, q[:4], materialise=True)
-        along = rotation @ arm.wrist + position - arm.shoulder
+        along, elbow = _forearm(geometry, q)
         _, reference, beside = frame(along, geometry.screws[0, :3]).T
-        elbow = upper @ arm.elbow
         return lanes.atan2(beside @ elbow, reference @ elbow)
 
     return on_joints(angle, q, geometry.joints)
+
+
+def has_angle(geometry: Geometry, q: ArrayLike) -> jax.Array:
+    """(..., 7) -> (...,) whether `arm_angle` has a value, as far as rounding can tell."""
+
+    def least_sine(q: Lanes) -> Lane:
+        along, elbow = (_unit(x) for x in _forearm(geometry, q))
+        off_axis, off_elbow = lanes.cross(along, geometry.screws[0, :3]), lanes.cross(along, elbow)
+        return lanes.minimum(lanes.norm(off_axis), lanes.norm(off_elbow))
+
+    return on_joints(least_sine, q, geometry.joints) > MERGED_ROOT.of(jax.numpy.result_type(q))
+
+
+def _forearm(geometry: Geometry, q: Lanes) -> tuple[Lanes, Lanes]:
+    """The vectors from the shoulder to the wrist and to the elbow."""
+    arm = srs_points(geometry.screws)
+    *_, (upper, _), (rotation, position) = link_motions(geometry, q[:4], materialise=True)
+    return rotation @ arm.wrist + position - arm.shoulder, upper @ arm.elbow
 
 
 class SrsPoints(NamedTuple):
@@ -75,7 +93,7 @@ class SrsPoints(NamedTuple):
 def srs_points(screws: Lanes) -> SrsPoints:
     """The points of an arm that its seven screws tell."""
     shoulder = meeting_point(screws[0], screws[1])
-    elbow = lanes.materialised(-away_from(line_of(screws[3]), shoulder))
+    elbow = lanes.materialised(-away_from(line_of(screws[ELBOW]), shoulder))
     return SrsPoints(shoulder, meeting_point(screws[4], screws[5]), elbow)
 
 

@@ -19,7 +19,7 @@ from niryo_jax.execution.padding import cut_rows, is_small, is_symbolic, padded_
 from niryo_jax.ik.complete.algorithms import Structure
 from niryo_jax.ik.complete.driver import complete_solutions
 from niryo_jax.ik.differentiable import solve_differentiably
-from niryo_jax.ik.newton.implicit import Held
+from niryo_jax.ik.newton.held import Held
 from niryo_jax.ik.newton.pose_error import extent
 from niryo_jax.ik.representative import near_reference, within_limits
 from niryo_jax.ik.results.solutions import IKSolutions, map_solutions
@@ -99,8 +99,6 @@ class CompleteSolver:
             return answer if whole else _cut(answer, batch)
 
         def represented(answer: IKSolutions, pose: jax.Array, *reference: jax.Array) -> IKSolutions:
-            if self.held == "arm angle":
-                return answer
             if reference:
                 return near_reference(robot, pose, answer, reference[0], self.held)
             return within_limits(robot, pose, answer, self.held)
@@ -182,8 +180,7 @@ def solve_complete(
     if q_ref is not None:
         reference = make_reference(q_ref, pose, robot.joints)
     answer = solve_differentiably(solver, solver.held, robot, pose, values, reference)
-    if solver.held != "arm angle":
-        answer.remember(functools.partial(near_reference, robot, pose, held=solver.held))
+    answer.remember(functools.partial(near_reference, robot, pose, held=solver.held))
     return answer
 
 

@@ -7,15 +7,15 @@ It needs solutions alone, and not the program that found them.
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from niryo_jax import lanes
-from niryo_jax.ik.closed_form.srs import angle_of
 from niryo_jax.ik.newton import rolled
+from niryo_jax.ik.newton.held import Held, held_row, held_value
 from niryo_jax.ik.target import make_target
 from niryo_jax.ik.task import Task
 from niryo_jax.lanes import Lanes
@@ -24,9 +24,6 @@ from niryo_jax.lie import se3
 from niryo_jax.robot import Robot
 from niryo_jax.specialise import Geometry, specialised, traced_geometry
 from niryo_jax.tolerances import DEPENDENT_ROW
-
-Held = int | Literal["arm angle"] | None
-"""What stays as it is of an arm with a joint to spare: the index of a joint, or the arm angle."""
 
 
 class RateMap(NamedTuple):
@@ -173,13 +170,8 @@ def _equations(geometry: Geometry, q: jax.Array, held: Held) -> jax.Array:
     rows = q.reshape(-1, n)
     jacobian = rolled.pose_and_body_jacobian(geometry, rows.T)[2]
     if held is not None:
-        row = jax.grad(lambda q: jnp.sum(_held_value(geometry, q, held)))(rows)
-        jacobian = jnp.concatenate([row.T[None], jacobian])
+        jacobian = jnp.concatenate([held_row(geometry, rows, held)[None], jacobian])
     return jnp.moveaxis(jacobian, -1, 0).reshape(*batch, -1, n)
-
-
-def _held_value(geometry: Geometry, q: jax.Array, held: Held) -> jax.Array:
-    return angle_of(geometry, q) if held == "arm angle" else q[..., held]
 
 
 def _at_fixed_joints(geometry: Geometry, target: jax.Array, q: jax.Array, held: Held) -> jax.Array:
@@ -191,7 +183,7 @@ def _at_fixed_joints(geometry: Geometry, target: jax.Array, q: jax.Array, held: 
     twist = twist.T.reshape(*batch, 6)
     if held is None:
         return twist
-    return jnp.concatenate([-_held_value(geometry, q, held)[..., None], twist], axis=-1)
+    return jnp.concatenate([-held_value(geometry, q, held)[..., None], twist], axis=-1)
 
 
 def _least(matrix: jax.Array, right: jax.Array) -> jax.Array:

@@ -160,18 +160,23 @@ def added(terms: jax.Array, axis: int) -> jax.Array:
 
 
 def pseudo_inverse(
-    matrix: jax.Array, tolerance: float, damping: jax.Array | None = None
+    matrix: jax.Array,
+    tolerance: float,
+    damping: jax.Array | None = None,
+    longest_first: bool = False,
 ) -> jax.Array:
     """(m, n, ...) -> (n, m, ...): what gives the least solution, by modified Gram-Schmidt.
 
     A row (a column where m > n) that is independent of those before it by less than the share
     `tolerance` is left out, and so is one that is nothing but rounding beside the longest: the
     others are solved for, and nothing becomes infinite. With a damping d (...,) each pivot r is
-    divided by as r / (r^2 + d^2).
+    divided by as r / (r^2 + d^2). With `longest_first` the rows are taken in the order of what is
+    left of them: what is left out then is a combination of the others with small numbers, so that
+    rounding in these does not grow in that.
     """
     m, n = matrix.shape[:2]
     if m > n:
-        turned = pseudo_inverse(jnp.swapaxes(matrix, 0, 1), tolerance, damping)
+        turned = pseudo_inverse(jnp.swapaxes(matrix, 0, 1), tolerance, damping, longest_first)
         return jnp.swapaxes(turned, 0, 1)
     batch = matrix.shape[2:]
     number = jnp.arange(m).reshape(m, *[1] * (len(batch) + 1))
@@ -179,7 +184,12 @@ def pseudo_inverse(
     rounding = (16 * float(jnp.finfo(matrix.dtype).eps)) ** 2 * jnp.max(whole, axis=0)
 
     def step(i: jax.Array, state: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
-        rows, right, inverse = state
+        rows, right, whole, inverse = state
+        if longest_first:
+            squares = jnp.where(number[:, 0] < i, -1.0, added(rows * rows, 1))
+            pick = number == jnp.argmax(squares, axis=0)
+            rows, right = (_exchanged(x, i, pick) for x in (rows, right))
+            whole = _exchanged(whole[:, None], i, pick)[:, 0]
         row = rows[i]
         square = added(row * row, 0)
         independent = square > jnp.maximum(tolerance * tolerance * whole[i], rounding)
@@ -190,8 +200,15 @@ def pseudo_inverse(
         inverse = inverse + unit[:, None] * of_row[None]
         # What is left of the rows behind it has no part along it.
         part = jnp.where(number > i, added(rows * unit[None], 1)[:, None], 0.0)
-        return rows - part * unit[None], right - part * of_row[None], inverse
+        return rows - part * unit[None], right - part * of_row[None], whole, inverse
 
     eye = jnp.eye(m, dtype=matrix.dtype).reshape(m, m, *[1] * len(batch))
-    start = matrix, jnp.broadcast_to(eye, (m, m, *batch)), jnp.zeros((n, m, *batch), matrix.dtype)
-    return jax.lax.fori_loop(0, m, step, start)[2]
+    none = jnp.zeros((n, m, *batch), matrix.dtype)
+    start = matrix, jnp.broadcast_to(eye, (m, m, *batch)), whole, none
+    return jax.lax.fori_loop(0, m, step, start)[-1]
+
+
+def _exchanged(x: jax.Array, i: jax.Array, pick: jax.Array) -> jax.Array:
+    """Row i of x (m, k, ...) exchanged with the one that is picked (m, 1, ...)."""
+    picked = added(jnp.where(pick, x, 0.0), 0)
+    return jnp.where(pick, x[i], x).at[i].set(picked)

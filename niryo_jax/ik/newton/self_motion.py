@@ -17,7 +17,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from niryo_jax.ik.closed_form.srs import ELBOW, has_angle
 from niryo_jax.ik.newton import rolled
+from niryo_jax.ik.newton.held import Held, held_row
 from niryo_jax.ik.newton.pose_error import within_tolerance
 from niryo_jax.lanes import Lanes
 from niryo_jax.specialise import Geometry
@@ -44,7 +46,7 @@ def best_of_self_motion(
     score: Vectors,
     enough: float,
     size: jax.Array,
-    held: int | None,
+    held: Held,
     pull: Vectors | None,
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """The best place that walkers find on the self-motions of solutions.
@@ -57,7 +59,7 @@ def best_of_self_motion(
         score: (m,) of joint vectors, larger is better.
         enough: a score that needs no better one.
         size: (r * WALKERS,) the extent of the goals.
-        held: the number of a joint that does not move, if any.
+        held: what does not move, if anything. An arm angle that has no value holds nothing.
         pull: (m, n) how joint vectors would move, were there no goal, at the best place.
 
     Returns:
@@ -67,12 +69,22 @@ def best_of_self_motion(
     rows, n = q.shape
     count = rows * WALKERS
     dependent = SELF_MOTION.of(q.dtype)
-    moves = jnp.asarray(np.arange(n) != held, q.dtype)[:, None]
+    by_angle = held == "arm angle"
+    # The elbow sets the distance from shoulder to wrist, which is that of the pose.
+    still = ELBOW if by_angle else held
+    moves = jnp.asarray(np.arange(n) != still, q.dtype)[:, None]
     line = np.cos(0.7 + 1.3 * np.arange(n))
     ahead = jnp.asarray([line, -line], q.dtype)
     heading = jnp.broadcast_to(ahead, (rows, WALKERS, n)).reshape(count, n).T * moves
     start = jnp.broadcast_to(q[:, None], (rows, WALKERS, n)).reshape(count, n).T
     none = jnp.full(count, jnp.inf, q.dtype)
+
+    holds = has_angle(geometry, start.T) if by_angle else none
+
+    def held_too(jacobian: jax.Array, q: jax.Array) -> jax.Array:
+        """The Jacobian, below a row for the arm angle where it has a value."""
+        row = jnp.where(holds, held_row(geometry, q.T, held), 0.0)
+        return jnp.concatenate([row[None], jacobian])
 
     def step(state: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
         i, q, heading, anchor, stride, gone, least, *best = state
@@ -82,12 +94,16 @@ def best_of_self_motion(
         top = jnp.where(returning, -none, best[1])
         twist, jacobian, (metres, radians) = rolled.near_twist(geometry, goal, q)
         jacobian = jacobian * moves[None]
-        inverse = rolled.pseudo_inverse(jacobian, dependent)
+        inverse = rolled.pseudo_inverse(jacobian, dependent, longest_first=True)
+        resting, least_moves = jacobian, inverse
+        if by_angle:
+            resting = held_too(jacobian, q)
+            least_moves = rolled.pseudo_inverse(resting, dependent, longest_first=True)
 
         def along(direction: jax.Array) -> jax.Array:
-            """What of a direction leaves the tool at rest."""
-            seen = rolled.added(jacobian * direction[None], 1)
-            return direction - rolled.added(inverse * seen[None], 1)
+            """What of a direction leaves the tool at rest, and what is held."""
+            seen = rolled.added(resting * direction[None], 1)
+            return direction - rolled.added(least_moves * seen[None], 1)
 
         here, miss = score(q.T), (metres + radians) / size
         near = miss < _ON_THE_WAY * dependent
