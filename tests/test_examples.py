@@ -133,3 +133,14 @@ def test_joint_errors(tmp_path):
     assert result.least == pytest.approx(3.85e-3, abs=5e-6)
     if picture is not None:
         assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.skipif(importlib.util.find_spec("pyniryo") is None, reason="pyniryo is not installed")
+@pytest.mark.filterwarnings("ignore:pyniryo .* is made for:UserWarning")
+def test_block_stacking(tmp_path):
+    picture = tmp_path / "blocks.png"
+    drawing = importlib.util.find_spec("matplotlib") is not None
+    result = run("13_block_stacking", 1, *([picture] if drawing else []))
+    assert (result.before, result.after) == ([0], [4])
+    assert result.off[0] < 0.6
+    assert picture.exists() == drawing

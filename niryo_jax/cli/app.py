@@ -28,6 +28,7 @@ _MODULES = {
     "uncertainty": "uncertainty",
     "workspace": "workspace",
     "calibrate": "calibrate",
+    "stack": "stack",
 }
 
 # Negative numbers look like options to the parser; whatever is no option is left to the arguments.

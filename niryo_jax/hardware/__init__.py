@@ -20,6 +20,8 @@ from niryo_jax.hardware.errors import (
     WrongArm,
 )
 from niryo_jax.hardware.faults import Fault, FaultKind
+from niryo_jax.hardware.measuring import touch, visit
+from niryo_jax.hardware.simulated.wear import Wear
 from niryo_jax.hardware.simulator import SimulatedNiryo
 from niryo_jax.hardware.status import HardwareStatus
 
@@ -44,6 +46,9 @@ __all__ = [
     "TargetRejected",
     "ToolFailed",
     "ToolMissing",
+    "Wear",
     "WrongArm",
     "pyniryo_version",
+    "touch",
+    "visit",
 ]

@@ -127,10 +127,25 @@ class PlannedStep:
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """Steps solved for one arm."""
+    """Steps solved for one arm.
+
+    Attributes:
+        robot: the arm.
+        steps: in their order.
+        gears: (n,) the shares by which its joints turn farther than they are told.
+    """
 
     robot: Robot
     steps: tuple[PlannedStep, ...]
+    gears: Vector
+
+    def told(self, q: Vector) -> Vector:
+        """(n,) what to tell the joints so that they turn to q."""
+        return q / (1.0 + self.gears)
+
+    def turned(self, q: Vector) -> Vector:
+        """(n,) where the joints are when they say q."""
+        return q * (1.0 + self.gears)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,8 +153,8 @@ class StepRecord:
     """What became of one step.
 
     Attributes:
-        planned: the step as planned; its `joints` are those that were sent.
-        reached: (n,) joint angles read back from the arm, radians.
+        planned: the step as planned; its `joints` are those that were sent, gear errors aside.
+        reached: (n,) joint angles read back from the arm, radians, gear errors aside.
         position_error: metres from the target to forward kinematics of `reached`; None unless the
             step is a move.
         seconds: how long the step took.
@@ -157,6 +172,7 @@ class Arm(Protocol):
     def set_speed(self, percent: int) -> None: ...
     def move_joints(self, q: ArrayLike) -> Vector: ...
     def joints(self) -> Vector: ...
+    def wait(self, seconds: float) -> None: ...
     def grasp(self) -> None: ...
     def release(self) -> None: ...
 
@@ -167,6 +183,7 @@ def plan(
     *,
     q_start: ArrayLike | None = None,
     percent: int | None = None,
+    gears: ArrayLike = 0.0,
 ) -> Plan:
     """Solve the distinct poses of the steps in one batch, and choose joints for each step.
 
@@ -178,6 +195,8 @@ def plan(
         steps: what to do.
         q_start: (n,) joint angles before the first step, radians; zeros where not given.
         percent: a speed for all moves, percent of the largest; that of each step where not given.
+        gears: the shares by which joints turn farther than they are told, one number or (n,), as
+            `niryo_jax.calibration.fit` finds them with its robot.
 
     Raises:
         StepUnsolvable: a pose without a solution inside the limits; the message says why.
@@ -204,11 +223,15 @@ def plan(
         joints = np.asarray(q[index], dtype=np.float64)
         error = position_error(robot, joints, step.pose)
         planned.append(PlannedStep(step, joints, float(distance[index]), error))
-    return Plan(robot, tuple(planned))
+    return Plan(robot, tuple(planned), np.broadcast_to(np.asarray(gears, float), robot.joints))
 
 
 def execute(
-    plan: Plan, arm: Arm, on_step: Callable[[StepRecord], None] = lambda record: None
+    plan: Plan,
+    arm: Arm,
+    on_step: Callable[[StepRecord], None] = lambda record: None,
+    *,
+    pause: float = 0.0,
 ) -> tuple[StepRecord, ...]:
     """Carry a plan out and record what the arm did.
 
@@ -216,6 +239,7 @@ def execute(
         plan: the steps, solved for this arm.
         arm: the arm, connected, calibrated, and with its tool.
         on_step: called with each record as it is made.
+        pause: seconds that the arm rests after each step.
 
     Raises:
         NiryoError: what `NiryoArm` raises; the steps after are not carried out.
@@ -223,7 +247,8 @@ def execute(
     records: list[StepRecord] = []
     for planned in plan.steps:
         begin = time.monotonic()
-        reached = _carry_out(planned, arm)
+        reached = plan.turned(_carry_out(planned, plan, arm))
+        arm.wait(pause)
         seconds = time.monotonic() - begin
         pose = planned.step.pose
         error = None if pose is None else position_error(plan.robot, reached, pose)
@@ -232,11 +257,11 @@ def execute(
     return tuple(records)
 
 
-def _carry_out(planned: PlannedStep, arm: Arm) -> Vector:
+def _carry_out(planned: PlannedStep, plan: Plan, arm: Arm) -> Vector:
     match planned.step.action:
         case "move":
             arm.set_speed(planned.step.percent)
-            return arm.move_joints(planned.joints)
+            return arm.move_joints(plan.told(planned.joints))
         case "grasp":
             arm.grasp()
         case "release":

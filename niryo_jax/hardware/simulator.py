@@ -8,12 +8,13 @@ from types import TracebackType
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from niryo_jax.hardware.faults import Fault, FaultPlan
 from niryo_jax.hardware.protocol import Request
 from niryo_jax.hardware.simulated.arm import SimulatedArm
 from niryo_jax.hardware.simulated.server import Server
+from niryo_jax.hardware.simulated.wear import Wear
 from niryo_jax.robots import NIRYO_ONE, NiryoModel
 
 
@@ -33,9 +34,10 @@ class SimulatedNiryo:
         faults: faults to show from the start.
         version: the robot's system: "4.1.1", or "5.6.3", which answers OK to moves it refuses.
         tool: the tool mounted on the arm, detected on UPDATE_TOOL; one of `model.tools`.
+        wear: by how much its joints stand elsewhere than its encoders say; by nothing if not given.
 
     Attributes:
-        arm: the simulated arm: joints, tool and object.
+        arm: the simulated arm: joints, tool and things.
         host, port: where the server listens.
         version: the robot's system.
 
@@ -54,6 +56,7 @@ class SimulatedNiryo:
         faults: Iterable[Fault] = (),
         version: Literal["4.1.1", "5.6.3"] = "4.1.1",
         tool: str = "gripper_1",
+        wear: Wear | None = None,
     ) -> None:
         if not time_scale > 0:
             raise ValueError(f"time_scale: expected a positive number, got {time_scale!r}")
@@ -62,7 +65,9 @@ class SimulatedNiryo:
         if tool not in model.tools:
             known = ", ".join(model.tools)
             raise ValueError(f"tool: expected one of {known} for {model.name}, got {tool!r}")
-        self.arm = SimulatedArm(model, time_scale=time_scale, mounted_tool=tool)
+        self.arm = SimulatedArm(
+            model, time_scale=time_scale, mounted_tool=tool, wear=wear or Wear()
+        )
         self.version = version
         self._faults = FaultPlan(faults)
         self._server = Server(
@@ -86,12 +91,35 @@ class SimulatedNiryo:
 
     def place_object(self, position: Sequence[float]) -> None:
         """Put the object to be gripped at a position (3,) in the space frame, metres."""
-        self.arm.place_object(position)
+        pose = np.eye(4)
+        pose[:3, 3] = position
+        self.arm.place_things([pose], (0.0, 0.0, 0.0))
+
+    def place_blocks(self, poses: ArrayLike, size: Sequence[float]) -> None:
+        """Put blocks there, in the place of all before.
+
+        Args:
+            poses: (k, 4, 4) of the middles of their bases in the space frame, metres, upright.
+            size: (3,) of each, metres along its axes.
+        """
+        self.arm.place_things(list(np.asarray(poses, float)), size)
+
+    @property
+    def blocks(self) -> NDArray[np.float64]:
+        """(k, 4, 4) where they are now, in the order in which they were placed."""
+        return self.arm.things
+
+    @property
+    def true_pose(self) -> NDArray[np.float64]:
+        """(4, 4) pose of the tool frame, where a perfect instrument sees it; the arm reports the
+        one that its encoders say."""
+        return self.arm.true_pose
 
     @property
     def object_position(self) -> NDArray[np.float64] | None:
         """(3,) position of the object in the space frame, metres; None before one is placed."""
-        return self.arm.object_position
+        things = self.arm.things
+        return things[0, :3, 3] if len(things) else None
 
     def inject(self, fault: Fault) -> None:
         """Let a fault show from the next request on."""

@@ -1,4 +1,4 @@
-"""The state of a simulated Niryo: joints that move in time, a tool, and one object to grip."""
+"""The state of a simulated Niryo: joints that move in time, a tool, and what it can grip."""
 
 from __future__ import annotations
 
@@ -10,20 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from niryo_jax.chain import forward_kinematics
+from niryo_jax.hardware.simulated.things import Things
+from niryo_jax.hardware.simulated.wear import Wear, WornJoints
 from niryo_jax.robots import NiryoModel
 
 Vector = NDArray[np.float64]
 
-# How far from the tool centre point an object may be and still be gripped, metres. The jaws of
-# gripper 1 are about 20 mm long and 27 mm apart.
-REACH = 0.03
-
 
 class SimulatedArm:
-    """Joints, tool and object. Thread-safe; angles in radians, lengths in metres, real seconds.
+    """Joints, tool and things. Thread-safe; angles in radians, lengths in metres, real seconds.
 
     Joints move at constant speed and arrive together: the slowest joint, at its largest speed
-    times the velocity percentage times `time_scale`, decides how long a move takes.
+    times the velocity percentage times `time_scale`, decides how long a move takes. What the arm
+    reports is what its encoders say; where it is worn its joints, and the tool, stand elsewhere.
 
     Attributes:
         calibrated, learning_mode, jog_mode, collision_detected: as the robot reports them.
@@ -35,7 +34,9 @@ class SimulatedArm:
             (4, 4) in the tool frame.
     """
 
-    def __init__(self, model: NiryoModel, *, time_scale: float, mounted_tool: str) -> None:
+    def __init__(
+        self, model: NiryoModel, *, time_scale: float, mounted_tool: str, wear: Wear
+    ) -> None:
         self.model = model
         self.robot = model.robot()
         self.lower: Vector = np.asarray(self.robot.lower)
@@ -57,12 +58,12 @@ class SimulatedArm:
         self._lock = threading.RLock()
         self._path = np.zeros((1, 6))
         self._times = np.array([time.monotonic()])
-        self._object: Vector | None = None
-        self._held = False
+        self._worn = WornJoints(wear)
+        self._things = Things()
 
     @property
     def joints(self) -> Vector:
-        """(6,) joints at this moment."""
+        """(6,) joints at this moment, as the encoders say them."""
         with self._lock:
             now = time.monotonic()
             if now >= self._times[-1]:
@@ -74,8 +75,14 @@ class SimulatedArm:
 
     @property
     def pose(self) -> Vector:
-        """(4, 4) pose of the tool frame at this moment."""
+        """(4, 4) pose of the tool frame at this moment, as the encoders say it."""
         return self.pose_at(self.joints)
+
+    @property
+    def true_pose(self) -> Vector:
+        """(4, 4) pose of the tool frame at this moment, where it is."""
+        with self._lock:
+            return self.pose_at(self._worn.at(self.joints))
 
     def pose_at(self, q: Sequence[float] | Vector) -> Vector:
         """(..., 4, 4) pose of the tool frame at joints q (..., 6)."""
@@ -89,6 +96,7 @@ class SimulatedArm:
         """Set out along joints (k, 6), one after the other; the moment of arrival."""
         with self._lock:
             path = np.concatenate([self.joints[None], path])
+            self._worn.move(path)
             speed = self._max_velocity * (self.velocity_percent / 100) * self._time_scale
             legs = np.max(np.abs(np.diff(path, axis=0)) / speed, axis=1)
             self._times = time.monotonic() + np.concatenate([[0.0], np.cumsum(legs)])
@@ -112,44 +120,34 @@ class SimulatedArm:
         self.tcp[:3, 3] = self.model.tools[self.tool]
 
     def grasp(self) -> None:
-        """Close the tool; an object within reach of the tool centre point is held from now on."""
+        """Close the tool; what is within reach of the tool centre point is held from now on."""
         with self._lock:
             if self.tool == "none" or self.grasping:
                 return
             self.grasping = True
-            if self._object is not None:
-                pose = self.pose
-                local = pose[:3, :3].T @ (self._object - pose[:3, 3])
-                if np.linalg.norm(local - np.array(self.model.tools[self.tool])) <= REACH:
-                    self._object, self._held = local, True
+            self._things.grasp(self.true_pose, np.array(self.model.tools[self.tool]))
 
     def release(self) -> None:
-        """Open the tool; an object that was held falls straight down to the table, z = 0."""
+        """Open the tool; what was held falls straight down, to the table (z = 0) or a block."""
         with self._lock:
             if self.tool == "none":
                 return
-            position, self._held = self.object_position, False
+            self._things.release(self.true_pose)
             self.grasping = False
-            if position is not None:
-                self._object = position * (1.0, 1.0, 0.0)
 
-    def place_object(self, position: Sequence[float] | Vector) -> None:
-        """Put the one object at a position (3,) in the space frame, out of the tool if held."""
+    def place_things(self, poses: Sequence[Vector], size: Sequence[float]) -> None:
+        """Put things of one size (3,), with the middles of their bases at poses (4, 4), in the
+        place of all before; out of the tool if held."""
         with self._lock:
-            self._object, self._held = np.array(position, dtype=np.float64), False
+            self._things.put(poses, size)
 
     @property
     def holding(self) -> bool:
-        """Whether the object is held by the tool."""
-        return self._held
+        """Whether the tool holds a thing."""
+        return self._things.holding
 
     @property
-    def object_position(self) -> Vector | None:
-        """(3,) position of the object in the space frame; None where there is none."""
+    def things(self) -> Vector:
+        """(k, 4, 4) poses of the middles of their bases in the space frame."""
         with self._lock:
-            if self._object is None:
-                return None
-            if not self._held:
-                return self._object.copy()
-            pose = self.pose
-            return pose[:3, :3] @ self._object + pose[:3, 3]
+            return self._things.poses(self.true_pose)
