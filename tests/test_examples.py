@@ -144,3 +144,16 @@ def test_block_stacking(tmp_path):
     assert (result.before, result.after) == ([0], [4])
     assert result.off[0] < 0.6
     assert picture.exists() == drawing
+
+
+def test_calibration(tmp_path):
+    picture = tmp_path / "calibration.png"
+    drawing = importlib.util.find_spec("matplotlib") is not None
+    result = run("14_calibration", *([picture] if drawing else []))
+    assert {7, 23, 41} <= set(result.fit.doubted)
+    assert result.spread < 1.5
+    assert result.sharper > 1.0
+    assert "joint_6 offset - tool turn x" in result.combinations
+    assert result.solved >= 195
+    assert result.off < 5e-4
+    assert picture.exists() == drawing
