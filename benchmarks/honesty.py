@@ -18,9 +18,10 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Hashable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,12 @@ REAL_ARMS = Path(__file__).parent / "data" / "real_arms.json"
 """Arms of four to eight joints, read from public descriptions."""
 
 
+@functools.lru_cache(maxsize=1)
+def _jitted(_: Hashable) -> Callable[[nj.Robot, np.ndarray], nj.IKSolutions]:
+    """The solver, compiled for one arm at a time: its programs go when the next arm comes."""
+    return jax.jit(lambda robot, pose: nj.inverse_kinematics(robot, pose))
+
+
 @dataclasses.dataclass
 class Case:
     """An arm, and how it is handed over."""
@@ -62,8 +69,7 @@ class Case:
     def solve(self, pose: np.ndarray) -> nj.IKSolutions:
         """All solutions of the poses."""
         if self.jitted:
-            # A function of its own, so that the program goes with the case.
-            return jax.jit(lambda robot, pose: nj.inverse_kinematics(robot, pose))(self.robot, pose)
+            return _jitted(jax.tree.structure(self.robot))(self.robot, pose)
         return nj.inverse_kinematics(self.robot, pose)
 
 
