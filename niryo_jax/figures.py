@@ -17,6 +17,7 @@ _FORMATS: dict[str, dict[str, Any]] = {
     ".svg": {"metadata": {"Date": None}},
     ".pdf": {"metadata": {"CreationDate": None}},
 }
+INK, BLUE, RED, GREY, PALE = "#333333", "#2166ac", "#b2182b", "#9aa0a6", "#eeeeee"
 STYLE = {
     "font.family": "DejaVu Sans",
     "font.size": 8,

@@ -58,8 +58,7 @@ class Programs:
         try:
             return function(concrete, *arguments)
         finally:
-            # What a caller compiles is kept by JAX, and needs room as well.
-            if function.has_grown() or not concrete:
+            if function.has_grown():
                 self._let_go()
 
     def _let_go(self) -> None:

@@ -9,12 +9,11 @@ from jax.typing import ArrayLike
 
 from niryo_jax.calibration.fit import Calibration
 from niryo_jax.extras import need
-from niryo_jax.figures import STYLE
+from niryo_jax.figures import BLUE, GREY, INK, RED, STYLE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_INK, _BLUE, _RED, _GREY = "#333333", "#2166ac", "#b2182b", "#9aa0a6"
 _THOUSANDTHS = 1e3
 
 
@@ -33,34 +32,32 @@ def calibration_figure(
     Raises:
         ImportError: matplotlib is not installed.
     """
-    matplotlib = need("matplotlib")
-    need("matplotlib.figure")
     values, doubt = found.values * _THOUSANDTHS, 2 * found.deviations * _THOUSANDTHS
     rows = np.arange(len(values))
-    with matplotlib.rc_context(STYLE):
-        figure = matplotlib.figure.Figure(figsize=(6.4, 4.4), layout="constrained")
+    with need("matplotlib").rc_context(STYLE):
+        figure: Figure = need("matplotlib.figure").Figure(figsize=(6.4, 4.4), layout="constrained")
         figure.suptitle(found.robot.name if title is None else title)
         left, right = figure.subplots(1, 2, width_ratios=(3, 2))
         left.errorbar(
-            values, rows, xerr=doubt, fmt="o", markersize=2.5, linewidth=0.9, color=_BLUE,
+            values, rows, xerr=doubt, fmt="o", markersize=2.5, linewidth=0.9, color=BLUE,
             label="found, two standard deviations",
         )  # fmt: skip
         if truth is not None:
             left.plot(
-                np.asarray(truth) * _THOUSANDTHS, rows, "|", color=_RED, markersize=7, label="true"
+                np.asarray(truth) * _THOUSANDTHS, rows, "|", color=RED, markersize=7, label="true"
             )
-        left.axvline(0.0, color=_GREY, linewidth=0.6)
+        left.axvline(0.0, color=GREY, linewidth=0.6)
         left.set_yticks(rows, found.names, fontsize=5.5)
         left.invert_yaxis()
-        left.set_xlabel("mrad, mm or thousandths", color=_INK)
+        left.set_xlabel("mrad, mm or thousandths", color=INK)
         left.legend(frameon=False, fontsize=6)
         doubted = np.isin(np.arange(len(found.weights)), found.doubted)
-        for chosen, colour in ((~doubted, _BLUE), (doubted, _RED)):
+        for chosen, colour in ((~doubted, BLUE), (doubted, RED)):
             number = np.flatnonzero(chosen)
             right.vlines(number, 0.0, found.weights[chosen], color=colour, linewidth=0.8)
             right.plot(number, found.weights[chosen], ".", color=colour, markersize=3)
-        right.set_xlabel("measurement", color=_INK)
-        right.set_ylabel("how much it counted", color=_INK)
+        right.set_xlabel("measurement", color=INK)
+        right.set_ylabel("how much it counted", color=INK)
         right.set_title(
             f"{1e3 * found.before.metres:.2f} mm before, {1e3 * found.after.metres:.2f} mm after"
         )

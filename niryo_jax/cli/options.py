@@ -109,6 +109,15 @@ ToolAxisOption = Annotated[
         help="The tool axis of --task direction, in the tool frame; 0 0 1 unless given.",
     ),
 ]
+HostOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="HOST[:PORT]", help="The robot to drive; a simulated one where not given."
+    ),
+]
+DryRunOption = Annotated[
+    bool, typer.Option("--dry-run", help="Solve and show the plan; move nothing.")
+]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON document: metres and radians, always.")
 ]

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Annotated
 
 import typer
 
-from niryo_jax import interruption
 from niryo_jax.cli.choice import ArmOption, BaseOption, TipOption, load_arm
 from niryo_jax.cli.console import busy, note_rounding, show_lines, show_table, stderr
-from niryo_jax.cli.options import JsonOption
-from niryo_jax.cli.outcome import ExitCode, Failure, as_failure, print_json
+from niryo_jax.cli.driving import driven, plan_document
+from niryo_jax.cli.options import DryRunOption, HostOption, JsonOption
+from niryo_jax.cli.outcome import Failure, print_json
 from niryo_jax.cli.progress import StepProgress
 from niryo_jax.cli.tables import millimetres, plan_table, records_table
-from niryo_jax.hardware import NiryoArm, NiryoError, SimulatedNiryo, pyniryo_version
+from niryo_jax.hardware import NiryoArm, SimulatedNiryo, pyniryo_version
 from niryo_jax.hardware.pick_and_place import (
     OBJECT_START,
     TABLE_2_1,
     Plan,
-    PlannedStep,
-    StepRecord,
-    execute,
     plan,
     steps_for,
 )
@@ -29,15 +25,8 @@ from niryo_jax.robots import MODELS
 
 
 def pick_and_place(
-    host: Annotated[
-        str | None,
-        typer.Option(
-            metavar="HOST[:PORT]", help="The robot to drive; a simulated one where not given."
-        ),
-    ] = None,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Solve and show the plan; move nothing.")
-    ] = False,
+    host: HostOption = None,
+    dry_run: DryRunOption = False,
     speed: Annotated[
         int | None,
         typer.Option(
@@ -82,7 +71,7 @@ def pick_and_place(
     note_rounding(max(step.pose_distance or 0.0 for step in planned.steps))
     if dry_run:
         if as_json:
-            print_json(_document(planned))
+            print_json(plan_document(planned))
         else:
             show_table(plan_table(planned))
     elif host is not None:
@@ -102,25 +91,11 @@ def _run(
     planned: Plan, host: str, tool: str, simulated: SimulatedNiryo | None, as_json: bool
 ) -> None:
     """Execute the plan and show what became of it, also where it ends early."""
-    interruption.raise_again()
     progress = StepProgress(planned, simulated)
-    failure: Failure | None = None
-    try:
-        with NiryoArm(host, robot=planned.robot) as arm:
-            arm.calibrate()
-            arm.use_tool(tool)
-            arm.release()
-            with progress:
-                execute(planned, arm, progress.advance)
-    except NiryoError as error:
-        failure = as_failure(error)
-    except KeyboardInterrupt:
-        failure = Failure(
-            f"interrupted after {len(progress.records)} of {len(planned.steps)} steps: nothing "
-            "more is sent to the robot; a move that was under way goes on to its end",
-            ExitCode.INTERRUPTED,
-        )
-    document = _document(planned, host, progress.records)
+    failure = driven(
+        planned, host, planned.robot, tool, progress.records, progress.advance, progress
+    )
+    document = plan_document(planned, host, progress.records)
     position = None if simulated is None else simulated.object_position
     document["object_position_m"] = None if position is None else position.tolist()
     if not as_json and progress.records:
@@ -131,37 +106,3 @@ def _run(
         raise Failure(str(failure), failure.code, document)
     if as_json:
         print_json(document)
-
-
-def _document(
-    planned: Plan, host: str | None = None, records: Sequence[StepRecord] = ()
-) -> dict[str, object]:
-    steps = [_step_document(number, step) for number, step in enumerate(planned.steps, start=1)]
-    for step, record in zip(steps, records, strict=False):
-        step |= {
-            "joints_read_rad": record.reached.tolist(),
-            "reached_error_m": record.position_error,
-            "seconds": record.seconds,
-        }
-    return {
-        "robot": planned.robot.name,
-        "host": host,
-        "steps_done": len(records),
-        "steps": steps,
-    }
-
-
-def _step_document(number: int, planned: PlannedStep) -> dict[str, object]:
-    """A step as planned; a gripper step has neither a target nor a speed."""
-    step = planned.step
-    document: dict[str, object] = {"step": number, "title": step.title, "action": step.action}
-    if step.pose is not None:
-        document |= {
-            "speed_percent": step.percent,
-            "target_pose": step.pose.tolist(),
-            "target_position_m": step.pose[:3, 3].tolist(),
-            "pose_distance": planned.pose_distance,
-            "joints_sent_rad": planned.joints.tolist(),
-            "planned_error_m": planned.position_error,
-        }
-    return document

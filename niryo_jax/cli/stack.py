@@ -2,33 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 
-from niryo_jax import interruption
 from niryo_jax.calibration import fit, read_measurements
 from niryo_jax.cli.console import busy, show_lines, show_table, stderr
-from niryo_jax.cli.options import JsonOption
-from niryo_jax.cli.outcome import ExitCode, Failure, as_failure, print_json
+from niryo_jax.cli.driving import driven, plan_document
+from niryo_jax.cli.options import DryRunOption, HostOption, JsonOption
+from niryo_jax.cli.outcome import Failure, print_json
 from niryo_jax.cli.tables import new_table, plan_table
-from niryo_jax.hardware import NiryoArm, NiryoError, pyniryo_version
-from niryo_jax.hardware.pick_and_place import Plan, StepRecord, execute, plan
-from niryo_jax.hardware.stacking import PAUSE, Layout, Placed, steps_for
+from niryo_jax.hardware import pyniryo_version
+from niryo_jax.hardware.pick_and_place import Plan, StepRecord, plan
+from niryo_jax.hardware.stacking import PAUSE, TOOL, Layout, Placed, steps_for
+from niryo_jax.robot import Robot
 from niryo_jax.robots import MODELS
 from niryo_jax.studies import PARAMETERS, StackingStudy, block_stacking
 
 
 def stack(
-    host: Annotated[
-        str | None,
-        typer.Option(
-            metavar="HOST[:PORT]", help="The robot to drive; a simulated worn one where not given."
-        ),
-    ] = None,
+    host: HostOption = None,
     calibration: Annotated[
         Path | None,
         typer.Option(
@@ -46,9 +42,7 @@ def stack(
     target_at: Annotated[
         tuple[float, float], typer.Option(metavar="X Y", help="The layout's middle, mm.")
     ] = (150.0, 150.0),
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Solve and show the plan; move nothing.")
-    ] = False,
+    dry_run: DryRunOption = False,
     robot: Annotated[str, typer.Option(help=f"The arm: one of {', '.join(MODELS)}.")] = "niryo_one",
     as_json: JsonOption = False,
 ) -> None:
@@ -83,40 +77,25 @@ def stack(
         planned = plan(arm, steps_for(layout, model), gears=gears)
     if dry_run:
         if as_json:
-            print_json(_plan_document(planned, ()))
+            print_json(plan_document(planned))
         else:
             show_table(plan_table(planned))
     elif host is not None:
-        _drive(planned, host, model.robot().name, as_json)
+        _drive(planned, host, model.robot(), as_json)
 
 
-def _drive(planned: Plan, host: str, name: str, as_json: bool) -> None:
-    """Carry the plan out on a robot; Ctrl-C ends it after the move under way."""
-    interruption.raise_again()
-    stderr().print(f"Driving the {name} at {host}; Ctrl-C ends after the move under way.")
-    records, failure = list[StepRecord](), None
+def _drive(planned: Plan, host: str, robot: Robot, as_json: bool) -> None:
+    stderr().print(f"Driving the {robot.name} at {host}; Ctrl-C ends after the move under way.")
+    records = list[StepRecord]()
 
     def note(record: StepRecord) -> None:
         records.append(record)
-        if record.planned.step.action != "move":
-            title = record.planned.step.title
-            stderr().print(f"{len(records):4d}/{len(planned.steps)}  {title}")
+        step = record.planned.step
+        if step.action != "move":
+            stderr().print(f"{len(records):4d}/{len(planned.steps)}  {step.title}")
 
-    try:
-        with NiryoArm(host, robot=MODELS[name].robot()) as arm:
-            arm.calibrate()
-            arm.use_tool("gripper_1")
-            arm.release()
-            execute(planned, arm, note, pause=PAUSE)
-    except NiryoError as error:
-        failure = as_failure(error)
-    except KeyboardInterrupt:
-        failure = Failure(
-            f"interrupted after {len(records)} of {len(planned.steps)} steps: nothing more is sent "
-            "to the robot; a move that was under way goes on to its end",
-            ExitCode.INTERRUPTED,
-        )
-    document = _plan_document(planned, records)
+    failure = driven(planned, host, robot, TOOL, records, note, nullcontext(), PAUSE)
+    document = plan_document(planned, host, records)
     if failure is not None:
         raise Failure(str(failure), failure.code, document)
     if as_json:
@@ -164,19 +143,4 @@ def _block(placed: Placed) -> dict[str, object]:
         "position_m": placed.position.tolist(),
         "turn_rad": placed.turn,
         "inside": placed.inside,
-    }
-
-
-def _plan_document(planned: Plan, records: Sequence[StepRecord]) -> dict[str, object]:
-    return {
-        "robot": planned.robot.name,
-        "steps_done": len(records),
-        "steps": [
-            {
-                "title": x.step.title,
-                "action": x.step.action,
-                "joints_sent_rad": planned.told(x.joints).tolist(),
-            }
-            for x in planned.steps
-        ],
     }

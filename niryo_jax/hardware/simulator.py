@@ -102,7 +102,7 @@ class SimulatedNiryo:
             poses: (k, 4, 4) of the middles of their bases in the space frame, metres, upright.
             size: (3,) of each, metres along its axes.
         """
-        self.arm.place_things(list(np.asarray(poses, float)), size)
+        self.arm.place_things(poses, size)
 
     @property
     def blocks(self) -> NDArray[np.float64]:

@@ -9,13 +9,15 @@ moving at once. It leaves the size of its blocks to its figures, but for the hei
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from niryo_jax.chain import forward_kinematics
 from niryo_jax.hardware.pick_and_place import AT_REST, Step
+from niryo_jax.hardware.simulated.things import footprint
+from niryo_jax.lie.rpy import pose_from_rpy, rpy_from_pose
 from niryo_jax.robots import NiryoModel
 
 Vector = NDArray[np.float64]
@@ -25,6 +27,8 @@ FREE, CAREFUL = 25, 5
 
 PAUSE = 1.0
 """Seconds between two actions."""
+
+TOOL = "gripper_1"
 
 STOPS = 2
 """On the way from above the stack to above the layout."""
@@ -88,7 +92,7 @@ class Placed:
     inside: bool
 
 
-def steps_for(layout: Layout, model: NiryoModel, tool: str = "gripper_1") -> tuple[Step, ...]:
+def steps_for(layout: Layout, model: NiryoModel, tool: str = TOOL) -> tuple[Step, ...]:
     """The steps that move the blocks, for `pick_and_place.plan`.
 
     Args:
@@ -116,14 +120,14 @@ def judged(layout: Layout, blocks: ArrayLike) -> tuple[Placed, ...]:
         blocks: (4, 4, 4) poses of the middles of their bases, from the top of the stack down.
     """
     room = np.array(layout.size[:2]) / 2 + layout.margin
-    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * np.array(layout.size[:2]) / 2
     out = list[Placed]()
     for cell, block in zip(layout.cells, np.asarray(blocks, float), strict=True):
         seen = np.linalg.inv(cell) @ block
-        reach = np.abs(corners @ seen[:2, :2].T + seen[:2, 3]).max(axis=0)
+        reach = np.abs(footprint(layout.size, seen)).max(axis=0)
         flat = abs(seen[2, 3]) < layout.size[2] / 2
-        turn = float(np.arctan2(seen[1, 0], seen[0, 0]))
-        out.append(Placed(seen[:3, 3], turn, bool(flat and np.all(reach <= room))))
+        out.append(
+            Placed(seen[:3, 3], rpy_from_pose(seen)[5], bool(flat and np.all(reach <= room)))
+        )
     return tuple(out)
 
 
@@ -180,12 +184,8 @@ def _moves(layout: Layout, tool: Vector) -> Iterator[Step]:
             yield Step("Stop on the way", pose=stop, percent=FREE)
 
 
-def _upright(place: ArrayLike, turn: float) -> Vector:
-    cos, sin = np.cos(turn), np.sin(turn)
-    pose = np.eye(4)
-    pose[:2, :2] = (cos, -sin), (sin, cos)
-    pose[:3, 3] = place
-    return pose
+def _upright(place: Sequence[float] | Vector, turn: float) -> Vector:
+    return pose_from_rpy((*place, 0.0, 0.0, turn))
 
 
 def _azimuth(place: tuple[float, float]) -> float:

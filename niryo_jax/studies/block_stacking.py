@@ -13,7 +13,7 @@ from niryo_jax.calibration import Calibration, fit, informative
 from niryo_jax.chain import forward_kinematics
 from niryo_jax.hardware import NiryoArm, SimulatedNiryo, Wear, visit
 from niryo_jax.hardware.pick_and_place import Plan, execute, plan
-from niryo_jax.hardware.stacking import Layout, Placed, judged, steps_for
+from niryo_jax.hardware.stacking import TOOL, Layout, Placed, judged, steps_for
 from niryo_jax.lie import so3
 from niryo_jax.robot import Robot
 from niryo_jax.robots import NIRYO_ONE, NiryoModel
@@ -26,7 +26,6 @@ PARAMETERS = "offsets", "gears"
 SIGMA = 1e-4, 5e-4
 """Standard deviations of the instrument: metres and radians."""
 
-_TOOL = "gripper_1"
 _CANDIDATES, _EDGE, _ABOVE_TABLE = 400, 0.05, 0.1
 
 
@@ -102,13 +101,13 @@ def block_stacking(
     check_count("measurements", measurements, 2, _CANDIDATES // 2)
     seed = check_count("seed", seed, 0, 2**31)
     chosen = Layout() if layout is None else layout
-    robot, steps, wear = model.robot(), steps_for(chosen, model, _TOOL), typical_wear(seed)
+    robot, steps, wear = model.robot(), steps_for(chosen, model), typical_wear(seed)
     with (
-        SimulatedNiryo(model, time_scale=time_scale, tool=_TOOL, wear=wear) as simulated,
+        SimulatedNiryo(model, time_scale=time_scale, tool=TOOL, wear=wear) as simulated,
         NiryoArm(simulated.address, robot=robot) as arm,
     ):
         arm.calibrate()
-        arm.use_tool(_TOOL)
+        arm.use_tool(TOOL)
 
         def stacked(planned: Plan) -> tuple[Placed, ...]:
             arm.release()

@@ -10,7 +10,7 @@ from jax.typing import ArrayLike
 
 from niryo_jax.chain import forward_kinematics
 from niryo_jax.extras import need
-from niryo_jax.figures import STYLE
+from niryo_jax.figures import BLUE, GREY, INK, RED, STYLE
 from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.uncertainty.noise import Noise, check_noise
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_INK, _BLUE, _RED, _GREY = "#333333", "#2166ac", "#b2182b", "#9aa0a6"
 _CLOUD = 3000
 """Draws that are shown."""
 
@@ -98,30 +97,30 @@ def _draw_section(
     pair = list(section)
     points = cloud[:, pair].T
     # As pixels, for thousands of points make a heavy page.
-    axes.plot(*points, ".", color=_GREY, markersize=1.2, alpha=0.5, rasterized=True, zorder=1)
+    axes.plot(*points, ".", color=GREY, markersize=1.2, alpha=0.5, rasterized=True, zorder=1)
     values, vectors = np.linalg.eigh(covariance[np.ix_(pair, pair)])
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
     circle = np.stack([np.cos(angle), np.sin(angle)])
     outline = vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * circle)
     looks: tuple[tuple[float, str, str], ...] = (
-        (1.0, _BLUE, "one standard deviation"),
-        (radius, _RED, f"{100 * probability:g} % ellipsoid"),
+        (1.0, BLUE, "one standard deviation"),
+        (radius, RED, f"{100 * probability:g} % ellipsoid"),
     )
     for size, colour, label in looks:
         curve = shift[pair, None] + size * outline
         axes.plot(*curve, color=colour, linewidth=1.0, label=label, zorder=2)
     across, up = ("xyz"[i] for i in section)
     axes.set(xlabel=f"{across} (mm)", ylabel=f"{up} (mm)", aspect="equal")
-    axes.axhline(0.0, color=_INK, linewidth=0.3, zorder=0)
-    axes.axvline(0.0, color=_INK, linewidth=0.3, zorder=0)
+    axes.axhline(0.0, color=INK, linewidth=0.3, zorder=0)
+    axes.axvline(0.0, color=INK, linewidth=0.3, zorder=0)
 
 
 def _draw_bars(axes: Axes, robot: Robot, position: np.ndarray, rotation: np.ndarray) -> None:
     """What each joint alone does, with a scale for each unit."""
     place = np.arange(robot.joints)
     other: Any = axes.twinx()
-    one = axes.bar(place - 0.2, position, 0.38, color=_BLUE)
-    two = other.bar(place + 0.2, rotation, 0.38, color=_GREY)
+    one = axes.bar(place - 0.2, position, 0.38, color=BLUE)
+    two = other.bar(place + 0.2, rotation, 0.38, color=GREY)
     axes.set_ylabel("tool moves (mm)")
     other.set_ylabel("tool turns (mrad)")
     axes.set_xticks(place, [str(i + 1) for i in place])

@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from niryo_jax.chain import forward_kinematics
 from niryo_jax.hardware.simulated.things import Things
@@ -135,9 +135,9 @@ class SimulatedArm:
             self._things.release(self.true_pose)
             self.grasping = False
 
-    def place_things(self, poses: Sequence[Vector], size: Sequence[float]) -> None:
-        """Put things of one size (3,), with the middles of their bases at poses (4, 4), in the
-        place of all before; out of the tool if held."""
+    def place_things(self, poses: ArrayLike, size: Sequence[float]) -> None:
+        """Put things of one size (3,), with the middles of their bases at poses (k, 4, 4), in
+        the place of all before; out of the tool if held."""
         with self._lock:
             self._things.put(poses, size)
 

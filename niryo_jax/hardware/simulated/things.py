@@ -6,7 +6,9 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from niryo_jax.lie.rpy import pose_from_rpy, rpy_from_pose
 
 Vector = NDArray[np.float64]
 
@@ -41,8 +43,7 @@ class Thing:
     @property
     def footprint(self) -> Vector:
         """(4, 2) the corners of its base, one after the other round it."""
-        corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * self.size[:2] / 2
-        return corners @ self.pose[:2, :2].T + self.pose[:2, 3]
+        return footprint(self.size, self.pose)
 
 
 class Things:
@@ -57,9 +58,9 @@ class Things:
         """Whether one is held."""
         return self._held is not None
 
-    def put(self, poses: Sequence[Vector], size: Sequence[float]) -> None:
+    def put(self, poses: ArrayLike, size: Sequence[float]) -> None:
         """Put things of one size there, in the place of all before."""
-        self._all = [Thing(np.array(size, float), np.array(pose, float)) for pose in poses]
+        self._all = [Thing(np.array(size, float), pose) for pose in np.array(poses, float)]
         self._held = None
 
     def poses(self, tool: Vector) -> Vector:
@@ -80,14 +81,17 @@ class Things:
         thing, self._held = self._held, None
         if thing is None:
             return
-        pose = tool @ thing.pose
-        yaw = np.arctan2(pose[1, 0], pose[0, 0])
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        thing.pose = np.eye(4)
-        thing.pose[:2, :2] = (cos, -sin), (sin, cos)
-        thing.pose[:2, 3] = pose[:2, 3]
+        x, y, *_, yaw = rpy_from_pose(tool @ thing.pose)
+        thing.pose = pose_from_rpy((x, y, 0.0, 0.0, 0.0, yaw))
         below = [x.top for x in self._all if x is not thing and _overlap(x, thing)]
         thing.pose[2, 3] = max(below, default=0.0)
+
+
+def footprint(size: Sequence[float] | Vector, pose: Vector) -> Vector:
+    """(4, 2) the corners, one after the other, of an upright base (its sides are the first two of
+    `size`) whose middle is at a pose (4, 4)."""
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * np.asarray(size)[:2] / 2
+    return corners @ pose[:2, :2].T + pose[:2, 3]
 
 
 def _overlap(a: Thing, b: Thing) -> bool:

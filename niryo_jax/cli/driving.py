@@ -1,0 +1,93 @@
+"""A plan carried out by a robot, and what became of it, also where it ends early."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+
+from niryo_jax import interruption
+from niryo_jax.cli.outcome import ExitCode, Failure, as_failure
+from niryo_jax.hardware import NiryoArm, NiryoError
+from niryo_jax.hardware.pick_and_place import Plan, PlannedStep, StepRecord, execute
+from niryo_jax.robot import Robot
+
+
+def driven(
+    planned: Plan,
+    host: str,
+    robot: Robot,
+    tool: str,
+    records: Sequence[StepRecord],
+    on_step: Callable[[StepRecord], None],
+    shown: AbstractContextManager[object],
+    pause: float = 0.0,
+) -> Failure | None:
+    """Carry a plan out; Ctrl-C ends it after the move under way.
+
+    Args:
+        planned: what is to be done.
+        host: of the robot.
+        robot: the nominal arm, whose limits are enforced.
+        tool: that must be on the arm; it is opened first.
+        records: to which `on_step` adds those of the steps that are done.
+        on_step: called with each record.
+        shown: entered while the steps are carried out.
+        pause: seconds between two steps.
+
+    Returns:
+        Why it ended early, or None.
+    """
+    interruption.raise_again()
+    try:
+        with NiryoArm(host, robot=robot) as arm:
+            arm.calibrate()
+            arm.use_tool(tool)
+            arm.release()
+            with shown:
+                execute(planned, arm, on_step, pause=pause)
+    except NiryoError as error:
+        return as_failure(error)
+    except KeyboardInterrupt:
+        return Failure(
+            f"interrupted after {len(records)} of {len(planned.steps)} steps: nothing more is sent "
+            "to the robot; a move that was under way goes on to its end",
+            ExitCode.INTERRUPTED,
+        )
+    return None
+
+
+def plan_document(
+    planned: Plan, host: str | None = None, records: Sequence[StepRecord] = ()
+) -> dict[str, object]:
+    """A plan, and what became of its steps, for a JSON document."""
+    steps = [
+        _step_document(number, step, planned) for number, step in enumerate(planned.steps, start=1)
+    ]
+    for step, record in zip(steps, records, strict=False):
+        step |= {
+            "joints_read_rad": record.reached.tolist(),
+            "reached_error_m": record.position_error,
+            "seconds": record.seconds,
+        }
+    return {
+        "robot": planned.robot.name,
+        "host": host,
+        "steps_done": len(records),
+        "steps": steps,
+    }
+
+
+def _step_document(number: int, planned: PlannedStep, plan: Plan) -> dict[str, object]:
+    """A step as planned; a gripper step has neither a target nor a speed."""
+    step = planned.step
+    document: dict[str, object] = {"step": number, "title": step.title, "action": step.action}
+    if step.pose is not None:
+        document |= {
+            "speed_percent": step.percent,
+            "target_pose": step.pose.tolist(),
+            "target_position_m": step.pose[:3, 3].tolist(),
+            "pose_distance": planned.pose_distance,
+            "joints_sent_rad": plan.told(planned.joints).tolist(),
+            "planned_error_m": planned.position_error,
+        }
+    return document
