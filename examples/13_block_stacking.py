@@ -5,9 +5,9 @@ inverse kinematics included. Given a path, `main` draws the figure of docs/stack
 
 Expected output:
 
-    seed 0: 0 of 4 blocks in their cells, off by up to 2.08 mm; calibrated 4 of 4, 0.34 mm
-    seed 1: 3 of 4 blocks in their cells, off by up to 1.03 mm; calibrated 4 of 4, 0.40 mm
-    seed 2: 2 of 4 blocks in their cells, off by up to 1.14 mm; calibrated 4 of 4, 0.37 mm
+    seed 0: 0 of 4 blocks in their cells, off by up to 2.03 mm; calibrated 4 of 4, 0.24 mm
+    seed 1: 3 of 4 blocks in their cells, off by up to 0.98 mm; calibrated 4 of 4, 0.40 mm
+    seed 2: 2 of 4 blocks in their cells, off by up to 1.13 mm; calibrated 4 of 4, 0.37 mm
 """
 
 from __future__ import annotations

@@ -104,6 +104,9 @@ def test_worn_joints_lag_behind_on_the_side_they_came_from():
     np.testing.assert_allclose(worn.at(one), [0.56, *[0.51] * 5])
     worn.move(np.stack([np.zeros(6), one, two]))
     np.testing.assert_allclose(worn.at(two), [0.779, 0.311, *[0.509] * 4])
+    # Rounding is no move: it neither turns the play round nor draws another rest.
+    worn.move(np.stack([two, two - 1e-12]))
+    np.testing.assert_allclose(worn.at(two), [0.779, 0.311, *[0.509] * 4])
     drawn = WornJoints(Wear(noise=1e-3, seed=4))
     places = []
     for _ in range(400):

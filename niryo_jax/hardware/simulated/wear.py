@@ -9,6 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 Vector = NDArray[np.float64]
 
+# Joints told to move by less than this stay where they are, radians: it is rounding, far below a
+# step of any encoder, and must not decide on which side of its play a joint lies.
+_STILL = 1e-6
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Wear:
@@ -61,10 +65,11 @@ class WornJoints:
     def move(self, path: Vector) -> None:
         """Note a move along joints (k, 6) as encoders say them, the first where it begins."""
         steps = np.diff(path, axis=0)
-        for step in steps:
-            self._direction = np.where(step == 0.0, self._direction, np.sign(step))
+        moves = np.abs(steps) > _STILL
+        for step, moved in zip(steps, moves):
+            self._direction = np.where(moved, np.sign(step), self._direction)
         drawn = self._rng.normal(size=6) * np.asarray(self._wear.noise)
-        self._rest = np.where(np.any(steps != 0.0, axis=0), drawn, self._rest)
+        self._rest = np.where(np.any(moves, axis=0), drawn, self._rest)
 
     def at(self, q: Vector) -> Vector:
         """(6,) where the joints stand when their encoders say q (6,)."""
