@@ -1,0 +1,29 @@
+"""Whether an arm touches itself or what stands around it, and how far it is from that.
+
+Links are capsules (`CollisionModel`), obstacles half spaces, boxes, spheres and capsules (`World`).
+"""
+
+from niryo_jax.collision.clearance import (
+    Distances,
+    Free,
+    clearance,
+    collides,
+    distances,
+    free,
+)
+from niryo_jax.collision.model import CollisionModel
+from niryo_jax.collision.segments import box_distance, segment_distance
+from niryo_jax.collision.world import World
+
+__all__ = [
+    "CollisionModel",
+    "Distances",
+    "Free",
+    "World",
+    "box_distance",
+    "clearance",
+    "collides",
+    "distances",
+    "free",
+    "segment_distance",
+]
