@@ -40,7 +40,7 @@ from niryo_jax.lie import se3, so3
 from niryo_jax.robot import Robot
 
 if TYPE_CHECKING:
-    from niryo_jax import calibration, uncertainty, workspace
+    from niryo_jax import calibration, collision, uncertainty, workspace
 
 __all__ = [
     "CurveEnd",
@@ -55,6 +55,7 @@ __all__ = [
     "autodiff_space_jacobian",
     "body_jacobian",
     "calibration",
+    "collision",
     "condition_number",
     "follow",
     "forward_kinematics",
@@ -77,7 +78,7 @@ __all__ = [
     "workspace",
 ]
 
-_LATER = ("calibration", "uncertainty", "workspace")
+_LATER = ("calibration", "collision", "uncertainty", "workspace")
 """Packages imported where they are first used: a third of all the modules that there are."""
 
 

@@ -12,18 +12,29 @@ from niryo_jax.collision.clearance import (
     free,
 )
 from niryo_jax.collision.model import CollisionModel
+from niryo_jax.collision.niryo import niryo_ned, niryo_ned2, niryo_one
+from niryo_jax.collision.sampling import Pruned, prune
 from niryo_jax.collision.segments import box_distance, segment_distance
+from niryo_jax.collision.skeleton import skeleton
+from niryo_jax.collision.urdf import from_urdf
 from niryo_jax.collision.world import World
 
 __all__ = [
     "CollisionModel",
     "Distances",
     "Free",
+    "Pruned",
     "World",
     "box_distance",
     "clearance",
     "collides",
     "distances",
     "free",
+    "from_urdf",
+    "niryo_ned",
+    "niryo_ned2",
+    "niryo_one",
+    "prune",
     "segment_distance",
+    "skeleton",
 ]

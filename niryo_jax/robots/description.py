@@ -45,7 +45,7 @@ def parse(path: str | os.PathLike[str]) -> Any:
         raise ImportError(
             'from_urdf needs yourdfpy; install it with: pip install "niryo_jax[urdf]"'
         ) from error
-    root = _document(path)
+    root = document(path)
     _strip(root)
     root.set("name", root.get("name", "robot"))
     # yourdfpy repairs broken XML, takes one number for three, and does not say which joint is
@@ -112,7 +112,13 @@ def check_distinct(what: str, names: Iterable[str]) -> None:
         raise ValueError(f"{what} names must be distinct, got {_list(twice)} more than once")
 
 
-def _document(path: str | os.PathLike[str]) -> ElementTree.Element:
+def document(path: str | os.PathLike[str]) -> ElementTree.Element:
+    """The root element of a URDF file, or of its text.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: no XML, or no URDF description.
+    """
     check_path("path", path)
     text: str | bytes
     if isinstance(path, str) and path.lstrip().startswith("<"):

@@ -1,0 +1,118 @@
+"""Capsules for the Niryo arms.
+
+Ends of capsules lie on the joint axes and flanges of `niryo_jax.robots` (NiryoRobotics/ned_ros
+v5.6.3; L1 to L8 of Todorovic et al. for the Niryo One). Niryo publishes no cross-sections: radii are
+estimates from pictures and from the poses at rest, in which the hand lies beside the shoulder. They
+are meant to enclose the arm, and have not been held against its meshes: keep a margin of a
+centimetre or more. Which links are looked at is what Niryo's own motion planner is set to (the SRDF
+of its MoveIt configuration calls all others adjacent, or never in collision).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from niryo_jax.arguments import check_choice, check_number
+from niryo_jax.collision.model import CollisionModel
+from niryo_jax.robots import NIRYO_NED, NIRYO_NED2, NIRYO_ONE, NiryoModel
+
+_RADII: Mapping[str, float] = {
+    "base": 0.1,
+    "shoulder": 0.05,
+    "upper_arm": 0.045,
+    "elbow": 0.045,
+    "forearm": 0.035,
+    "wrist": 0.03,
+    "hand": 0.028,
+    "tool": 0.025,
+}
+"""Metres: the base has a footprint of about 0.2 m; the others are estimates."""
+
+_BASE_HEIGHT = 0.02
+"""Of the centre of the sphere around the base, which ends below the shoulder joint."""
+
+_ELBOW, _WRIST = 0.0415, 0.03
+"""Where the forearm begins behind the elbow (L5 of the Niryo One), and ends before the wrist."""
+
+_LOOKED_AT = (
+    *(("base", link) for link in ("forearm", "wrist", "hand")),
+    *(("shoulder", link) for link in ("wrist", "hand")),
+)
+"""Pairs of links of the arm that can touch."""
+
+_TOOL_LOOKED_AT = ("base", "shoulder", "upper_arm")
+"""The links that a tool can touch."""
+
+
+def niryo_one(tool: str | float | None = None) -> CollisionModel:
+    """The shape of the Niryo One: eight capsules at most, on all of its links.
+
+    Args:
+        tool: the name of a tool of `robots.NIRYO_ONE.tools`, or the length of one along the x-axis
+            of the flange, metres; no tool where not given. A tool is as long as its tool centre
+            point is away, with a radius of 25 mm or less.
+
+    Raises:
+        ValueError: an unknown tool, a length that is not positive.
+        TypeError: neither a name nor a number.
+    """
+    return _model(NIRYO_ONE, tool)
+
+
+def niryo_ned(tool: str | float | None = None) -> CollisionModel:
+    """The shape of the Niryo Ned; argument and errors as `niryo_one`."""
+    return _model(NIRYO_NED, tool)
+
+
+def niryo_ned2(tool: str | float | None = None) -> CollisionModel:
+    """The shape of the Niryo Ned2; argument and errors as `niryo_one`."""
+    return _model(NIRYO_NED2, tool)
+
+
+def _model(arm: NiryoModel, tool: str | float | None) -> CollisionModel:
+    (_, shoulder), (elbow_x, elbow_z) = arm.shoulder, arm.elbow
+    (wrist_x, wrist_z), (flange_x, flange_z) = arm.wrist, arm.tool
+    ends = {
+        "base": ((0.0, _BASE_HEIGHT), (0.0, _BASE_HEIGHT)),
+        "shoulder": ((0.0, _BASE_HEIGHT + _RADII["base"]), (0.0, shoulder)),
+        "upper_arm": (arm.shoulder, arm.elbow),
+        "elbow": (arm.elbow, (elbow_x + _ELBOW, wrist_z)),
+        "forearm": ((elbow_x + _ELBOW, wrist_z), (wrist_x - _WRIST, wrist_z)),
+        "wrist": (arm.wrist, arm.wrist),
+        "hand": ((wrist_x, flange_z), (flange_x - 0.5 * _RADII["hand"], flange_z)),
+    }
+    del elbow_z
+    start, end = (
+        np.array([[x, 0.0, z] for x, z in (pair[i] for pair in ends.values())]) for i in (0, 1)
+    )
+    model = CollisionModel.from_capsules(
+        start,
+        end,
+        np.array([_RADII[name] for name in ends]),
+        range(len(ends)),
+        names=list(ends),
+        pairs=_LOOKED_AT,
+    )
+    offset = _offset(arm, tool)
+    if offset is None:
+        return model
+    flange, length = np.array([flange_x, 0.0, flange_z]), float(np.linalg.norm(offset))
+    # The round end of the capsule is the end of the tool.
+    radius = min(_RADII["tool"], length / 2)
+    tip = flange + offset * (1 - radius / length)
+    whole = model.attach([flange], [tip], [radius], [6], names=["tool"])
+    return whole.allow([(name, "tool") for name in ends if name not in (*_TOOL_LOOKED_AT, "hand")])
+
+
+def _offset(arm: NiryoModel, tool: str | float | None) -> np.ndarray | None:
+    """From the flange to the tip of a tool in the axes of the flange, metres."""
+    if tool is None:
+        return None
+    if isinstance(tool, str):
+        check_choice("tool", tool, arm.tools)
+        offset = np.array(arm.tools[tool])
+        return offset if np.any(offset) else None
+    length = check_number("tool", tool, "a positive length or a name", lambda x: 0 < x < np.inf)
+    return np.array([length, 0.0, 0.0])
