@@ -1,11 +1,11 @@
 """Capsules for the Niryo arms.
 
 Ends of capsules lie on the joint axes and flanges of `niryo_jax.robots` (NiryoRobotics/ned_ros
-v5.6.3; L1 to L8 of Todorovic et al. for the Niryo One). Niryo publishes no cross-sections: radii are
-estimates from pictures and from the poses at rest, in which the hand lies beside the shoulder. They
-are meant to enclose the arm, and have not been held against its meshes: keep a margin of a
-centimetre or more. Which links are looked at is what Niryo's own motion planner is set to (the SRDF
-of its MoveIt configuration calls all others adjacent, or never in collision).
+v5.6.3; L1 to L8 of Todorovic et al. for the Niryo One). Cross-sections are not among these facts:
+radii are estimates, bounded above by the poses at rest, in which the hand lies beside the shoulder.
+They are meant to enclose the arm, and have not been held against its meshes: keep a margin. Which
+links are looked at is what Niryo's own motion planner is set to (the SRDF of its MoveIt
+configuration calls the others adjacent, or never in collision).
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from niryo_jax.robots import NIRYO_NED, NIRYO_NED2, NIRYO_ONE, NiryoModel
 
 _RADII: Mapping[str, float] = {
     "base": 0.1,
-    "shoulder": 0.05,
+    "shoulder": 0.045,
     "upper_arm": 0.045,
     "elbow": 0.045,
     "forearm": 0.035,
     "wrist": 0.03,
-    "hand": 0.028,
+    "hand": 0.025,
     "tool": 0.025,
 }
 """Metres: the base has a footprint of about 0.2 m; the others are estimates."""
@@ -72,18 +72,17 @@ def niryo_ned2(tool: str | float | None = None) -> CollisionModel:
 
 
 def _model(arm: NiryoModel, tool: str | float | None) -> CollisionModel:
-    (_, shoulder), (elbow_x, elbow_z) = arm.shoulder, arm.elbow
+    shoulder, elbow = arm.shoulder[1], arm.elbow[0] + _ELBOW
     (wrist_x, wrist_z), (flange_x, flange_z) = arm.wrist, arm.tool
     ends = {
         "base": ((0.0, _BASE_HEIGHT), (0.0, _BASE_HEIGHT)),
         "shoulder": ((0.0, _BASE_HEIGHT + _RADII["base"]), (0.0, shoulder)),
         "upper_arm": (arm.shoulder, arm.elbow),
-        "elbow": (arm.elbow, (elbow_x + _ELBOW, wrist_z)),
-        "forearm": ((elbow_x + _ELBOW, wrist_z), (wrist_x - _WRIST, wrist_z)),
+        "elbow": (arm.elbow, (elbow, wrist_z)),
+        "forearm": ((elbow, wrist_z), (wrist_x - _WRIST, wrist_z)),
         "wrist": (arm.wrist, arm.wrist),
         "hand": ((wrist_x, flange_z), (flange_x - 0.5 * _RADII["hand"], flange_z)),
     }
-    del elbow_z
     start, end = (
         np.array([[x, 0.0, z] for x, z in (pair[i] for pair in ends.values())]) for i in (0, 1)
     )

@@ -36,8 +36,8 @@ from niryo_jax.lanes.batching import on_joints
 from niryo_jax.specialise import Geometry, specialised
 
 _FEW = 4
-"""So many half spaces, spheres and capsules are looked at side by side; more of them, and boxes, one
-after the other in a loop, which costs more where they are few."""
+"""So many half spaces, spheres and capsules are looked at side by side; more of them, and boxes,
+one after the other in a loop, which costs more where they are few."""
 
 _CAPSULE = 7
 """Numbers of a capsule: start, vector and radius."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from niryo_jax.arguments import check_positive
@@ -48,7 +50,7 @@ def skeleton(robot: Robot, radius: float) -> CollisionModel:
     stops.append([place, _foot(lines[-1], tool), tool])
     start, end, links = list[np.ndarray](), list[np.ndarray](), list[int]()
     for link, points in enumerate(stops):
-        for a, b in zip(points, points[1:]):
+        for a, b in itertools.pairwise(points):
             if np.linalg.norm(b - a) > AXES_MEET.float64:
                 start.append(a)
                 end.append(b)
