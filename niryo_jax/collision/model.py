@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
+from numpy.typing import ArrayLike
 
 from niryo_jax._jax import is_concrete
 from niryo_jax.arguments import Array, as_data, as_labels, check_finite, is_known, shown
@@ -143,8 +143,12 @@ class CollisionModel(Shapes):
             labels = tuple(_free(name, taken) for name in more.names)
         every = is_concrete(*jax.tree.leaves((self, more)))
         library = np if every else jnp
-        both = [library.concatenate([getattr(self, name), getattr(more, name)]) for name in _ARRAYS]
-        whole = CollisionModel(*both, self.links + more.links, self.names + labels, self.pairs)
+        start, end, radius = (
+            as_data(name, library.concatenate([getattr(self, name), getattr(more, name)]))
+            for name in _ARRAYS
+        )
+        links, names = self.links + more.links, self.names + labels
+        whole = CollisionModel(start, end, radius, links, names, self.pairs)
         new = [pair for pair in whole._default_pairs() if pair[1] >= len(self.links)]
         return dataclasses.replace(whole, pairs=self.pairs + tuple(new))
 

@@ -90,7 +90,7 @@ def shapes_of(model: CollisionModel, world: World | None, q: jax.Array) -> tuple
         arrays = _world_arrays(world)
         ends = np.cumsum([0, *(len(array) for array in arrays)]).tolist()
         ignored = tuple(world.ignored[low:high] for low, high in itertools.pairwise(ends))
-    parts = [numbers, *arrays]
+    parts: list[Any] = [numbers, *arrays]
     shapes = Shapes(*(x.astype(q.dtype) if x.dtype != q.dtype else x for x in parts))
     return shapes, Layout(known, model.links, model.pairs, ignored)
 
@@ -264,7 +264,7 @@ def _pick(capsules: Sequence[_Capsule], index: jax.Array) -> _Capsule:
 
 def _numbers(capsule: _Capsule) -> Lanes:
     start, vector, inverse_square = capsule.segment
-    return np.concatenate([start, vector, [inverse_square, capsule.radius]])
+    return lanes.lanes_of([*start, *vector, inverse_square, capsule.radius])
 
 
 def _from_numbers(numbers: Lanes) -> _Capsule:
