@@ -8,7 +8,7 @@ import xml.etree.ElementTree
 import numpy as np
 import pytest
 
-from benchmarks import floors, kinematics, lanes, lie, measure
+from benchmarks import collision, floors, kinematics, lanes, lie, measure
 from benchmarks.kinematics_peers import PACKAGES, urdf
 
 PEERS = [name for name in PACKAGES if name != "numpy"]
@@ -31,6 +31,13 @@ def test_a_wrong_answer_fails_the_run(monkeypatch, capsys):
     assert len(report.wrong) == 2, "forward kinematics, and pose and Jacobian together"
     assert report.finish(None) == 1
     assert "WRONG: forward kinematics" in capsys.readouterr().out
+
+
+def test_collision():
+    report = measure.Report("", {})
+    assert np.isnan(collision.measure(64, 4, 1, report, skip=tuple(collision.PEERS)))
+    assert not report.wrong
+    assert report.sections[-1].count("niryo_jax, clearance") == 6
 
 
 @pytest.mark.parametrize("part", [lie, lanes])
