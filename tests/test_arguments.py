@@ -20,7 +20,7 @@ from niryo_jax.ik.methods.sampled import solve_sampled
 
 MODULES = (
     *(nj, nj.so3, nj.se3, nj.subproblems, nj.robots, nj.motion, nj.workspace, nj.ik),
-    *(nj.workspace.plots, nj.uncertainty, nj.uncertainty.figures, nj.figures),
+    *(nj.workspace.plots, nj.uncertainty, nj.uncertainty.figures, nj.figures, nj.collision),
 )
 NIRYO, IIWA = nj.robots.niryo_one(), nj.robots.kuka_iiwa14()
 AXIS, POINT, POSE = np.eye(6)[2], np.zeros(3), np.eye(4)
@@ -49,7 +49,7 @@ SHAPED: dict[str, Any] = {
     "table": np.zeros((2, 4)),
     **dict.fromkeys(("pose", "start", "end", "pose_p", "pose_k", "base", "tool", "home"), POSE),
     **dict.fromkeys(("screw", "screw_1", "screw_2", "screw_3"), AXIS),
-    **dict.fromkeys(("p", "k"), POINT),
+    **dict.fromkeys(("p", "k", "other_start", "other_end", "half_size"), POINT),
     "screws": NIRYO.screws,
     "axes": np.eye(3)[[2, 1]],
     "points": np.zeros((2, 3)),
@@ -74,6 +74,7 @@ OTHERS: dict[str, Any] = {
     "samples": 5,
     "voxel": 0.1,
     "map": None,
+    "model": nj.collision.niryo_one(),
     "noise": nj.uncertainty.Uniform(0.1),
     "propagated": nj.uncertainty.Propagated(np.eye(6), np.eye(3), np.zeros(3), "tool_point"),
     "solutions": jax.eval_shape(nj.inverse_kinematics, NIRYO, jax.ShapeDtypeStruct((4, 4), float)),
@@ -82,6 +83,8 @@ OTHERS: dict[str, Any] = {
 
 OF_FUNCTION: dict[str, dict[str, Any]] = {
     "uncertainty.position_ellipsoid": {"covariance": np.eye(3)},
+    "collision.segment_distance": {"start": POINT, "end": POINT},
+    "collision.box_distance": {"start": POINT, "end": POINT},
     "so3.vee": {"matrix": np.eye(3)},
     "so3.project": {"matrix": np.eye(3)},
     "niryo_jax.arm_angle": {"robot": IIWA, "q": np.zeros(7)},

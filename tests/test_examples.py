@@ -157,3 +157,11 @@ def test_calibration(tmp_path):
     assert result.solved >= 195
     assert result.off < 5e-4
     assert picture.exists() == drawing
+
+
+def test_collision():
+    result = run("15_collision")
+    assert result.clear == (4, 4)
+    assert result.all_collide
+    assert result.before < 0 < 0.02 <= result.after
+    assert result.moved < 20

@@ -38,9 +38,10 @@ def clearance(
         (...,) metres, in the precision of q; negative where something penetrates, infinite where
         the model has no pair and there is no world, NaN where a joint is.
 
-    It is differentiable once, in both modes, by the joints, the geometry of the arm, the model and
-    the world; the derivative is never NaN. Where several pairs are equally near it is a weighted
-    mean of theirs, where segments cross it is 0: both are subgradients.
+    It can be differentiated once, in both modes, by the joints, the geometry of the arm, the model
+    and the world: the derivative is that of the nearest pair at its nearest points, and never NaN.
+    Where several pairs are equally near it is that of the first of them, own pairs before those
+    with the world; where segments cross it is 0.
 
     Raises:
         ValueError: q does not have n joints, the model has links that the arm does not.
