@@ -164,7 +164,7 @@ OPTIONS = {
     "percentiles": ("95", (101,), 5),
     "probability": ("a", 2.0, np.nan),
     "home": ("zz",),
-    "tool": ("zz",),
+    **dict.fromkeys(("tool", "model", "world"), ("zz",)),
     "name": (),
 }
 """Arguments that are no arrays, and what else than an object and None they may not be."""

@@ -474,6 +474,14 @@ def test_transformations_agree(rng):
     np.testing.assert_allclose(jax.vmap(least)(q), plain, atol=1e-14)
     traced = jax.jit(least)(q, SMALL, SMALL_MODEL, WORLD)
     np.testing.assert_allclose(traced, plain, atol=1e-14)
+    held = jax.tree.map(jnp.asarray, SMALL_MODEL)
+    np.testing.assert_allclose(jax.jit(lambda q: least(q, model=held))(q), plain, atol=1e-14)
+
+    # A traced model is the same within a function that closes over it, and after.
+    def twice(model, q):
+        return jax.jit(lambda q: least(q, model=model))(q) + least(q, model=model)
+
+    np.testing.assert_allclose(jax.jit(twice)(SMALL_MODEL, q), 2 * plain, atol=1e-14)
     models = jax.tree.map(lambda x: np.stack([x, x]), SMALL_MODEL)
     of_models = jax.vmap(lambda model: least(q, model=model))(models)
     np.testing.assert_allclose(of_models, np.stack([plain, plain]), atol=1e-14)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from niryo_jax._jax import is_concrete
 from niryo_jax.arguments import Array, as_data, as_labels, check_finite, is_known, shown
-from niryo_jax.collision.tree import STATIC, Shapes
+from niryo_jax.collision.tree import STATIC, Record
 
 Link: TypeAlias = str | int
 """A capsule by its name, or all capsules of a link by the number of joints that move it."""
@@ -26,7 +26,7 @@ _ARRAYS = "start", "end", "radius"
 
 @jax.tree_util.register_pytree_with_keys_class
 @dataclasses.dataclass(frozen=True, eq=False)
-class CollisionModel(Shapes):
+class CollisionModel(Record):
     """Capsules that enclose the links of an arm: all points within a radius of a segment.
 
     Attributes:

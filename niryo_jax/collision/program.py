@@ -30,6 +30,7 @@ from niryo_jax.collision.segments import (
     to_box,
     to_half_space,
 )
+from niryo_jax.collision.tree import Record
 from niryo_jax.collision.world import World
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batching import on_joints
@@ -59,6 +60,9 @@ class Shapes(NamedTuple):
     segments: jax.Array
 
 
+_Known = tuple[float | None, ...]
+
+
 class Layout(NamedTuple):
     """What of a model and a world a program is made for.
 
@@ -68,7 +72,7 @@ class Layout(NamedTuple):
         ignored: of the planes, of the boxes, and of the spheres and capsules of the world.
     """
 
-    known: tuple[float | None, ...]
+    known: _Known
     links: tuple[int, ...]
     pairs: tuple[tuple[int, int], ...]
     ignored: tuple[tuple[tuple[int, ...], ...], ...]
@@ -76,14 +80,7 @@ class Layout(NamedTuple):
 
 def shapes_of(model: CollisionModel, world: World | None, q: jax.Array) -> tuple[Shapes, Layout]:
     """The arrays and the layout of a model and a world for joint vectors q."""
-    numbers = _joined(model.start, model.end - model.start, model.radius[:, None]).reshape(-1)
-    known: tuple[float | None, ...] = (None,) * numbers.shape[0]
-    if is_concrete(numbers):
-        numbers = np.asarray(numbers, q.dtype)
-        free = ~np.isin(numbers, (0.0, 1.0, -1.0)) & is_concrete(q)
-        # A negative zero plus 0.0 is a positive one, so that both give one program.
-        known = tuple(None if x_free else float(x) + 0.0 for x, x_free in zip(numbers, free))
-        numbers = numbers[free]
+    numbers, known = _numbers_of(model, q.dtype, is_concrete(q))
     arrays: list[Any] = [np.zeros((0, 4)), np.zeros((0, 15)), np.zeros((0, _CAPSULE))]
     ignored: tuple[tuple[tuple[int, ...], ...], ...] = ((), (), ())
     if world is not None:
@@ -95,27 +92,54 @@ def shapes_of(model: CollisionModel, world: World | None, q: jax.Array) -> tuple
     return shapes, Layout(known, model.links, model.pairs, ignored)
 
 
+def _numbers_of(model: CollisionModel, dtype: np.dtype, of_call: bool) -> tuple[Any, _Known]:
+    """The numbers of the capsules that a program does not know, and those that it does.
+
+    Args:
+        model: whose capsules they are.
+        dtype: of the computation.
+        of_call: whether other numbers than zeros and ones are arguments of the program.
+    """
+    arrays = _known_or_traced(model)
+    if not is_concrete(*arrays):
+        numbers = _capsule_rows(*arrays).reshape(-1)
+        return numbers, (None,) * numbers.shape[0]
+    # Found once for all calls.
+    cache: dict[tuple[np.dtype, bool], tuple[np.ndarray, _Known]]
+    cache = model.__dict__.setdefault("_numbers", {})
+    if (dtype, of_call) not in cache:
+        numbers = _capsule_rows(*arrays).reshape(-1).astype(dtype)
+        free = ~np.isin(numbers, (0.0, 1.0, -1.0)) & of_call
+        # A negative zero plus 0.0 is a positive one, so that both give one program.
+        known = tuple(None if x_free else float(x) + 0.0 for x, x_free in zip(numbers, free))
+        cache[dtype, of_call] = numbers[free], known
+    return cache[dtype, of_call]
+
+
 def _world_arrays(world: World) -> list[Any]:
-    rotations = world.box_poses[:, :3, :3].reshape(-1, 9)
-    spheres = _joined(world.sphere_centres, 0.0 * world.sphere_centres, world.sphere_radii[:, None])
-    capsules = _joined(
-        world.capsule_starts,
-        world.capsule_ends - world.capsule_starts,
-        world.capsule_radii[:, None],
-    )
-    library = np if is_concrete(spheres, capsules) else jnp
+    normals, offsets, poses, half_sizes, centres, radii, *capsules = _known_or_traced(world)
+    segments = [_capsule_rows(centres, centres, radii), _capsule_rows(*capsules)]
+    library = np if is_concrete(*segments) else jnp
     return [
-        _joined(world.plane_normals, world.plane_offsets[:, None]),
-        _joined(rotations, world.box_poses[:, :3, 3], world.box_half_sizes),
-        library.concatenate([spheres, capsules]),
+        _joined(normals, offsets[:, None]),
+        _joined(poses[:, :3, :3].reshape(-1, 9), poses[:, :3, 3], half_sizes),
+        library.concatenate(segments),
     ]
 
 
+def _known_or_traced(record: Record) -> list[Any]:
+    """The arrays of a record, of numpy where they are known, so that nothing of them is traced."""
+    return [np.asarray(x) if is_concrete(x) else x for x in jax.tree.leaves(record)]
+
+
+def _capsule_rows(start: Any, end: Any, radius: Any) -> Any:
+    """(m, 7) start, vector and radius."""
+    return _joined(start, end - start, radius[:, None])
+
+
 def _joined(*parts: Any) -> Any:
-    """Columns side by side: of numpy where they are known, so that nothing is compiled."""
-    if is_concrete(*parts):
-        return np.concatenate([np.asarray(part) for part in parts], axis=1)
-    return jnp.concatenate(parts, axis=1)
+    """Columns side by side."""
+    return (np if is_concrete(*parts) else jnp).concatenate(parts, axis=1)
 
 
 @specialised
@@ -259,7 +283,7 @@ def _pick(capsules: Sequence[_Capsule], index: jax.Array) -> _Capsule:
     out = _numbers(capsules[0])
     for i, capsule in enumerate(capsules[1:], 1):
         out = lanes.choose(index == i, _numbers(capsule), out)
-    return _from_numbers(out)
+    return _from_numbers(lanes.materialised(out))
 
 
 def _numbers(capsule: _Capsule) -> Lanes:

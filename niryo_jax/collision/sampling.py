@@ -11,7 +11,7 @@ import numpy as np
 
 from niryo_jax.arguments import check_count, check_number
 from niryo_jax.collision.clearance import distances
-from niryo_jax.collision.model import CollisionModel
+from niryo_jax.collision.model import CollisionModel, check_is_model
 from niryo_jax.robot import Robot, check_is_robot
 
 _AT_ONCE = 4096
@@ -64,6 +64,7 @@ def prune(
         TypeError: no numbers, a traced robot, and as `clearance`.
     """
     check_is_robot(robot)
+    check_is_model(model)
     robot.known_screws()
     count = check_count("samples", samples, 1, 10_000_000)
     check_count("seed", seed, 0, sys.maxsize)

@@ -12,7 +12,7 @@ STATIC = {"static": True}
 """Metadata of a field that is no array."""
 
 
-class Shapes:
+class Record:
     """A frozen dataclass whose arrays are the leaves of a pytree, and whose other fields static.
 
     JAX builds such records of anything that it puts in the place of arrays: that is not checked.

@@ -24,7 +24,7 @@ from niryo_jax.arguments import (
     shown,
 )
 from niryo_jax.collision.model import check_segments
-from niryo_jax.collision.tree import STATIC, Shapes
+from niryo_jax.collision.tree import STATIC, Record
 from niryo_jax.tolerances import SCREW_NORM
 
 _SHAPES = {
@@ -43,7 +43,7 @@ _SHAPES = {
 
 @jax.tree_util.register_pytree_with_keys_class
 @dataclasses.dataclass(frozen=True, eq=False)
-class World(Shapes):
+class World(Record):
     """Obstacles in the space frame, metres; worlds add up (`+`).
 
     Attributes:
