@@ -578,6 +578,10 @@ def test_a_skeleton_runs_along_the_axes():
     # One chain: each capsule starts where the one before it ends.
     np.testing.assert_allclose(model.start[1:], model.end[:-1], atol=1e-12)
     assert np.all(np.isfinite(co.clearance(robot, model, np.zeros(6))))
+    # The column along the first axis is the base's, which stands on the table.
+    assert model.links[0] == 0
+    assert float(co.clearance(robot, model, np.zeros(6), co.World.table())) < 0.02
+    assert np.all([pair[1] - pair[0] > 1 for pair in model.pairs])
     slides = nj.robots.load("abb_irb910sc")
     assert np.all(np.isfinite(co.clearance(slides, co.skeleton(slides, 0.02), np.zeros(4))))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -18,15 +19,16 @@ def skeleton(robot: Robot, radius: float) -> CollisionModel:
 
     A link runs along its axis from where the link before it arrives to the foot of the common
     normal with the next axis, and along that; the base from the origin of the space frame to the
-    first axis; the last link to the origin of the tool frame. Real links are elsewhere: this tells
-    arms that fold up, not arms that touch.
+    first axis, and along it where that joint is revolute; the last link to the origin of the tool
+    frame. Real links are elsewhere: this tells arms that fold up, not arms that touch.
 
     Args:
         robot: the arm, concrete.
         radius: of all capsules, metres.
 
     Returns:
-        A `CollisionModel` with "link_0"... and the default pairs.
+        A `CollisionModel` with "link_0"..., and the default pairs without those of capsules that
+        follow each other. Where axes are nearer than two radii others always touch: see `prune`.
 
     Raises:
         ValueError: a radius that is not positive, a batch of robots, an arm of no extent.
@@ -37,10 +39,10 @@ def skeleton(robot: Robot, radius: float) -> CollisionModel:
     screws = robot.known_screws().astype(float)
     if screws.ndim != 2:
         raise ValueError(f"robot: expected one robot, got screws of shape {screws.shape}")
-    tool = np.asarray(robot.home, float)[:3, 3]
+    kinds, tool = joint_kinds(screws), np.asarray(robot.home, float)[:3, 3]
     place, stops = np.zeros(3), list[list[np.ndarray]]()
     lines = list[tuple[np.ndarray, np.ndarray]]()
-    for screw, kind in zip(screws, joint_kinds(screws)):
+    for screw, kind in zip(screws, kinds):
         # A slide has a direction and no place: it starts where the link before it arrives.
         line = (screw[3:], place) if kind == "prismatic" else (screw[:3], axis_point(screw))
         leaves, arrives = _feet(lines[-1], line, place) if lines else (place, _foot(line, place))
@@ -50,14 +52,19 @@ def skeleton(robot: Robot, radius: float) -> CollisionModel:
     stops.append([place, _foot(lines[-1], tool), tool])
     start, end, links = list[np.ndarray](), list[np.ndarray](), list[int]()
     for link, points in enumerate(stops):
-        for a, b in itertools.pairwise(points):
+        for part, (a, b) in enumerate(itertools.pairwise(points)):
+            # What lies along the first axis stands still while its joint turns: a base on a table.
+            column = (link, part) == (1, 0) and kinds[0] == "revolute"
             if np.linalg.norm(b - a) > AXES_MEET.float64:
                 start.append(a)
                 end.append(b)
-                links.append(link)
+                links.append(0 if column else link)
     if not links:
         raise ValueError("robot: expected axes apart from each other, got all in one point")
-    return CollisionModel.from_capsules(np.array(start), np.array(end), radius, links)
+    model = CollisionModel.from_capsules(np.array(start), np.array(end), radius, links)
+    # Capsules that follow each other meet on a joint axis, wherever the arm is.
+    joined = set(itertools.pairwise(range(len(links))))
+    return dataclasses.replace(model, pairs=tuple(x for x in model.pairs if x not in joined))
 
 
 def _foot(line: tuple[np.ndarray, np.ndarray], point: np.ndarray) -> np.ndarray:
