@@ -223,7 +223,7 @@ def complete(robot: nj.Robot, batch: int) -> Floor:
     known = robot.offset_wrist
     assert known is not None
     numbers = concrete_numbers(np.asarray(robot.screws), np.asarray(robot.home)[:3, 3])
-    free = [x for x, k in zip(numbers, known) if k is None]
+    free = [x for x, k in zip(numbers, known.entries) if k is None]
     limits = jnp.asarray(robot.lower), jnp.asarray(robot.upper)
 
     def block(target: jax.Array) -> Any:

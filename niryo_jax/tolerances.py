@@ -103,6 +103,10 @@ ELBOW_ROUNDING = ByDtype(2e-15, 1e-6)
 """The rounding of a pose moves the condition by less than this over the sine of the elbow angle:
 ten units in the last place of a metre."""
 
+AXIS_1_ROUNDING = ByDtype(1e-15, 6e-7)
+"""The rounding of a pose moves the wrist by less than this share of the arm's links: five units in
+the last place. Over its distance from axis 1, that is how it moves the condition."""
+
 SECANT = ByDtype(1e-9, 1e-3)
 """Two points nearer to each other than this (radians) tell the rounding of the condition of an
 offset-wrist arm, not its slope."""

@@ -19,9 +19,9 @@ import niryo_jax as nj
 from benchmarks import honesty
 from niryo_jax.ik import IKStatus
 from niryo_jax.ik.complete.general_arm import are_proved, solve_general_arm
-from niryo_jax.ik.general.isolation import FAR, UNBOUNDED, Roots, isolated
-from niryo_jax.ik.general.polynomial import Polynomial
+from niryo_jax.ik.general.isolation import FAR, Roots, isolated
 from niryo_jax.ik.methods.multistart import solve_multistart
+from niryo_jax.ik.trig_polynomial import UNBOUNDED, Polynomial
 from niryo_jax.specialise import traced_geometry
 from niryo_jax.structure import closure
 

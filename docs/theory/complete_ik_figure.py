@@ -19,7 +19,7 @@ import niryo_jax as nj
 from niryo_jax import lanes
 from niryo_jax.ik.offset_wrist.parameters import OffsetWristParameters, parameters_from
 from niryo_jax.ik.offset_wrist.posture import posture
-from niryo_jax.ik.offset_wrist.remainder_bound import proves, remainder_bound
+from niryo_jax.ik.offset_wrist.remainder_bound import Rounding, proves, remainder_bound
 from niryo_jax.ik.offset_wrist.wrist_circle import WristCircle, wrist_circle
 from niryo_jax.lanes import Lane
 from niryo_jax.structure.offset_wrist import arm_numbers
@@ -36,7 +36,9 @@ def arm_of(robot: nj.Robot) -> OffsetWristParameters:
     """The numbers of an arm, as lanes."""
     numbers = arm_numbers(np.asarray(robot.screws), np.asarray(robot.home)[:3, 3], np)
     known = robot.offset_wrist
-    return parameters_from(known, [jnp.asarray(x) for x, k in zip(numbers, known) if k is None])
+    return parameters_from(
+        known, [jnp.asarray(x) for x, k in zip(numbers, known.entries) if k is None]
+    )
 
 
 def condition(
@@ -46,7 +48,7 @@ def condition(
     sin_cos = Lane(jnp.sin(t)), Lane(jnp.cos(t))
     found = posture(arm, circle, sin_cos, elbow, shoulder)
     f = found.dot - arm.wrist_angle
-    bound = remainder_bound(arm, circle, found, sin_cos, np.pi / 2 / INTERVALS)
+    bound = remainder_bound(arm, circle, found, sin_cos, np.pi / 2 / INTERVALS).remainder
     return tuple(np.broadcast_to(np.asarray(x.array), t.shape) for x in (f, bound))
 
 
@@ -64,7 +66,7 @@ def draw(
         f = condition(arm, circle, t, elbow, shoulder)[0]
         f_nodes = condition(arm, circle, nodes, elbow, shoulder)[0]
         bound = condition(arm, circle, middles, elbow, shoulder)[1]
-        sure, _ = proves(bound, nodes[1] - nodes[0], f_nodes[:-1], f_nodes[1:])
+        sure, _ = proves(bound, nodes[1] - nodes[0], f_nodes[:-1], f_nodes[1:], Rounding(0.0, 0.0))
         settled &= np.asarray(sure)
         signs = " ".join(PLUS if sign > 0 else MINUS for sign in (elbow, shoulder))
         axes.plot(t, f, color=colour, linewidth=1.3, label=signs)

@@ -18,7 +18,8 @@ from matplotlib import pyplot as plt
 import niryo_jax as nj
 from niryo_jax import lanes
 from niryo_jax.ik.general.isolation import FAR, isolated
-from niryo_jax.ik.general.polynomial import DEGREE, equations_of, polynomial
+from niryo_jax.ik.general.polynomial import equations_of, polynomial
+from niryo_jax.ik.trig_polynomial import DEGREE
 from niryo_jax.structure.closure import closure_numbers, eliminations
 
 ARCS = 32

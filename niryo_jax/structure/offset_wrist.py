@@ -49,19 +49,37 @@ FIELDS: dict[str, tuple[int, ...]] = {
 }
 """Name and shape of the numbers, in order: `niryo_jax.ik.offset_wrist.parameters` explains them."""
 
+_ENDS = np.cumsum([math.prod(shape) for shape in FIELDS.values()])[:-1]
+
 _OF_TOOL = [name == "centre" for name, shape in FIELDS.items() for _ in range(math.prod(shape))]
 """Which of the numbers say where the tool is."""
 
-KnownNumbers = tuple[float | None, ...]
-"""The numbers of an arm in the order of its fields; None where a number is not 0, 1 or -1."""
+_FAR = 0.1
+
+
+@dataclasses.dataclass(frozen=True)
+class KnownNumbers:
+    """What is known of an arm while tracing.
+
+    Attributes:
+        entries: its numbers in the order of `FIELDS`; None where a number is not 0, 1 or -1.
+        is_far: whether the wrist offset is more than a tenth of the shorter link, so that the
+            condition is far from a sinusoid. A hint to what is sooner; no proof rests on it.
+    """
+
+    entries: tuple[float | None, ...]
+    is_far: bool
 
 
 def known_numbers_of(screws: np.ndarray) -> KnownNumbers | None:
     """The zeros and ones of an arm, whatever its tool is, from screws (n, 6); None of others."""
     if offset_wrist_arm(screws) is None:
         return None
-    known = known_numbers(concrete_numbers(screws, np.zeros(3)))
-    return tuple(None if of_tool else x for x, of_tool in zip(known, _OF_TOOL))
+    numbers = concrete_numbers(screws, np.zeros(3))
+    entries = tuple(None if of_tool else x for x, of_tool in zip(_plain_numbers(numbers), _OF_TOOL))
+    arm = dict(zip(FIELDS, np.split(numbers, _ENDS)))
+    links = min(arm["upper_arm"][0], arm["forearm"][0])
+    return KnownNumbers(entries, bool(arm["radius"][0] > _FAR * links))
 
 
 def concrete_numbers(screws: np.ndarray, tool: np.ndarray) -> np.ndarray:
@@ -144,12 +162,12 @@ def arm_numbers(screws: Any, tool: Any, xp: ModuleType) -> Any:
 
 def numbers_are_as_known(known: KnownNumbers, numbers: Any) -> Any:
     """Whether the numbers of a traced arm that are known are what they are taken for."""
-    taken = [(i, x) for i, x in enumerate(known) if x is not None]
+    taken = [(i, x) for i, x in enumerate(known.entries) if x is not None]
     places, values = np.array([i for i, _ in taken]), np.array([x for _, x in taken])
     return (abs(numbers[places] - values) < AXES_MEET.of(numbers.dtype)).all()
 
 
-def known_numbers(numbers: np.ndarray) -> KnownNumbers:
+def _plain_numbers(numbers: np.ndarray) -> tuple[float | None, ...]:
     """The zeros and ones among the numbers of an arm, up to rounding; None for the others."""
     rounded = np.round(numbers)
     plain = (np.abs(numbers - rounded) < ARM_NUMBER) & (np.abs(rounded) <= 1)

@@ -30,7 +30,7 @@ from niryo_jax.specialise import Geometry, specialised_for_any_tool
 from niryo_jax.structure.closure import ByClosure
 from niryo_jax.structure.conditions import are_revolute, is_offset_wrist, plan_fits
 from niryo_jax.structure.families import ClosedFormPlan
-from niryo_jax.structure.offset_wrist import arm_numbers, numbers_are_as_known
+from niryo_jax.structure.offset_wrist import KnownNumbers, arm_numbers, numbers_are_as_known
 from niryo_jax.tolerances import LIMIT_ROUNDING
 
 _CHUNK = 512
@@ -65,7 +65,7 @@ def complete_solutions(
         periodic: of all joints.
         sharding: how the rows are spread over devices.
     """
-    joint = None if isinstance(structure, tuple) else structure.locked
+    joint = None if isinstance(structure, KnownNumbers) else structure.locked
     target = make_target(pose)
     usable = jnp.isfinite(held)
     target = target._replace(valid=target.valid & jnp.all(usable, axis=-1))

@@ -1,12 +1,10 @@
 """The real roots of trigonometric polynomials of degree 8, with what proves that they are all.
 
-On an arc, g times a positive number is a form of degree 16. It has at most as many roots there as
-its 17 Bernstein coefficients have changes of sign, and as many but for an even number (Descartes'
-rule; roots that are complex but lie next to the arc count). Coefficients within the noise are taken
-for what makes most changes. An arc without a change is done with, one with a single change holds a
-simple root, and others are halved (de Casteljau) until noise hides what their halves hold. Then
-what is known is the number of roots of an arc further up: if as many different solutions lie on it,
-they are all. The arcs of all polynomials wait on one stack, of which every step takes the top.
+Forms tell how many roots an arc has at most (`trig_polynomial`). One without roots is done with,
+one with a single root holds a simple one, and others are halved (de Casteljau) until noise hides
+what their halves hold. Then what is known is the number of roots of an arc further up: if as many
+different solutions lie on it, they are all. The arcs of all polynomials wait on one stack, of which
+every step takes the top.
 """
 
 from __future__ import annotations
@@ -20,13 +18,19 @@ import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.execution.compaction import append, at_once, tally
-from niryo_jax.ik.general.polynomial import COEFFICIENTS, DEGREE, Polynomial
+from niryo_jax.ik.trig_polynomial import (
+    COEFFICIENTS,
+    DEGREE,
+    FORM,
+    UNBOUNDED,
+    Polynomial,
+    forms_on_arcs,
+    most_roots,
+)
 from niryo_jax.lanes import Lane
-from niryo_jax.tolerances import POLYNOMIAL_NOISE
 
 _ARCS = 32
 _WIDTH = 64
-_FORM = 2 * DEGREE
 _HEAD = 6
 _REFINEMENTS = 7
 _MOST = 40
@@ -35,9 +39,6 @@ _NARROWEST = 2 * np.pi / _ARCS / 2 ** (_DEEPEST - 2)
 
 _MIDDLE, _ROOT, _LOWER, _UPPER = range(4)
 """Where to begin on an arc: its middle, its root, and either root of two."""
-
-UNBOUNDED = 2 * _FORM
-"""More roots than there can be."""
 
 
 class Roots(NamedTuple):
@@ -101,13 +102,10 @@ class _State(NamedTuple):
 
 def isolated(polynomial: Polynomial, effort: Effort) -> Roots:
     """The roots of polynomials (17, rows)."""
-    coefficients, noise = polynomial
+    coefficients, margin = polynomial.coefficients, polynomial.margin
     rows, dtype = coefficients.shape[1], coefficients.dtype
-    least = float(jnp.finfo(dtype).eps) * 5
-    margin = POLYNOMIAL_NOISE * jnp.maximum(noise, least)
-    first = jnp.asarray(_BERNSTEIN, dtype).reshape(-1, COEFFICIENTS) @ coefficients
-    first = lanes.materialise(Lane(first)).array.reshape(_ARCS, COEFFICIENTS, rows)
-    most, flat = _judged(jnp.moveaxis(first, 1, 0), margin)
+    first = forms_on_arcs(polynomial, _ARCS)
+    most, flat = most_roots(first, margin)
     width = min(at_once(_WIDTH, rows), _ARCS * rows)
     # What one step finds may be more than a polynomial is given.
     room = _MOST * rows + 4 * width
@@ -123,7 +121,7 @@ def isolated(polynomial: Polynomial, effort: Effort) -> Roots:
     found, count = append(found, jnp.int32(0), items, is_root.reshape(-1))
     capacity = _ARCS * rows + width * _DEEPEST
     arcs = jnp.zeros((capacity, _HEAD + COEFFICIENTS), dtype)
-    table = jnp.concatenate([head, jnp.moveaxis(first, 1, 0)]).reshape(_HEAD + COEFFICIENTS, -1).T
+    table = jnp.concatenate([head, first]).reshape(_HEAD + COEFFICIENTS, -1).T
     arcs, size = append(arcs, jnp.int32(0), table, ~(is_root | (most == 0)).reshape(-1))
     spent = jnp.zeros(rows, jnp.int32)
     held = jnp.sum(is_root, axis=0, dtype=jnp.int32)
@@ -141,17 +139,6 @@ def isolated(polynomial: Polynomial, effort: Effort) -> Roots:
     return Roots(owner, angle, arc, most, listed, state.number)
 
 
-def _judged(form: jax.Array, margin: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """How many roots forms (17, ...) have at most, and whether they are nothing but noise."""
-    up, down = form > margin, form < -margin
-    alike = (up[1:] & up[:-1]) | (down[1:] & down[:-1])
-    most = jnp.sum(~alike, axis=0, dtype=jnp.int32)
-    # The number of changes is even where the ends are alike, and odd where they are not.
-    most = most - ((most + (up[0] != up[-1])) & 1)
-    ends = (up[0] | down[0]) & (up[-1] | down[-1])
-    return jnp.where(ends, most, UNBOUNDED), ~jnp.any(up | down, axis=0)
-
-
 def _step(margin: jax.Array, width: int, effort: Effort, state: _State) -> _State:
     """Halve the top arcs; push what is still open."""
     start = jnp.maximum(state.size - width, 0)
@@ -165,10 +152,10 @@ def _step(margin: jax.Array, width: int, effort: Effort, state: _State) -> _Stat
     forms = (matrix @ items[:, _HEAD:].T).reshape(2, COEFFICIENTS, width)
     # The middle of the form is shorter than its ends by the cosine of a quarter of the arc.
     per = 1.0 / jnp.cos(0.25 * (high - low))
-    powers = jnp.cumprod(jnp.broadcast_to(per, (_FORM, width)), axis=0)
+    powers = jnp.cumprod(jnp.broadcast_to(per, (FORM, width)), axis=0)
     powers = jnp.concatenate([jnp.ones((1, width), items.dtype), powers])
     halves = (forms[0] * powers, low, middle), (forms[1] * powers[::-1], middle, high)
-    judged = [_judged(form, margin[owner]) for form, _, _ in halves]
+    judged = [most_roots(form, margin[owner]) for form, _, _ in halves]
     # The halves have no more roots than the whole, unless noise hides how many.
     own = (judged[0][0] + judged[1][0] <= most) | (most == UNBOUNDED)
     crowded = state.held[owner] > _MOST
@@ -246,37 +233,13 @@ def _derivatives(c: lanes.Lanes, angle: jax.Array) -> tuple[jax.Array, jax.Array
     return value.array, slope.array, bend.array
 
 
-def _bernstein() -> np.ndarray:
-    """(arcs, 17, 17) from coefficients to those of the form on each arc."""
-    out = np.zeros((_ARCS, COEFFICIENTS, COEFFICIENTS))
-    binomial = np.array([math.comb(_FORM, i) for i in range(_FORM + 1)])
-    for arc in range(_ARCS):
-        # e^(i t / 2) = (1 - s) e^(i low / 2) + s e^(i high / 2), up to a positive factor.
-        ends = np.exp(0.5j * 2 * np.pi / _ARCS * np.array([arc, arc + 1]))
-        for k in range(DEGREE + 1):
-            turned = _power(ends, DEGREE + k), _power(ends.conj(), DEGREE - k)
-            column = np.convolve(*turned) / binomial
-            if k == 0:
-                out[arc, :, 0] = column.real
-            else:
-                out[arc, :, k], out[arc, :, DEGREE + k] = 2 * column.real, -2 * column.imag
-    return out
-
-
-def _power(ends: np.ndarray, count: int) -> np.ndarray:
-    """The coefficients of (a + b)^count for the two ends (2,)."""
-    a, b = ends
-    return np.array([math.comb(count, j) * a ** (count - j) * b**j for j in range(count + 1)])
-
-
 def _halves() -> np.ndarray:
     """(2, 17, 17) from the coefficients of a form to those on either half."""
-    left = np.zeros((_FORM + 1, _FORM + 1))
-    for i in range(_FORM + 1):
+    left = np.zeros((FORM + 1, FORM + 1))
+    for i in range(FORM + 1):
         for j in range(i + 1):
             left[i, j] = math.comb(i, j) / 2**i
     return np.stack([left, left[::-1, ::-1]])
 
 
-_BERNSTEIN = _bernstein()
 _HALVES = _halves()

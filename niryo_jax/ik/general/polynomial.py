@@ -17,12 +17,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from niryo_jax import lanes
+from niryo_jax.ik.trig_polynomial import Polynomial, interpolated, nodes
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lie import se3, so3
-from niryo_jax.structure.closure import COLUMNS, NODES, ClosureNumbers
-
-DEGREE = 8
-COEFFICIENTS = 2 * DEGREE + 1
+from niryo_jax.structure.closure import COLUMNS, ClosureNumbers
 
 
 class Equations(NamedTuple):
@@ -37,18 +35,6 @@ class Equations(NamedTuple):
 
     products: jax.Array
     minors: jax.Array
-
-
-class Polynomial(NamedTuple):
-    """g of poses, scaled such that its largest value at a node is 1.
-
-    Attributes:
-        coefficients: (17, rows) the constant, the real parts of c_1 ... c_8, the imaginary parts.
-        noise: (rows,) the size of what is no polynomial of that degree in it.
-    """
-
-    coefficients: jax.Array
-    noise: jax.Array
 
 
 def equations_of(numbers: ClosureNumbers, goal: Lanes, home: Lanes, rows: int) -> Equations:
@@ -178,33 +164,10 @@ def determinant(matrix: Lanes) -> Lane:
 
 
 def polynomial(numbers: ClosureNumbers, equations: Equations) -> Polynomial:
-    """g from its values at equidistant nodes; more of them than it has coefficients tell the noise
-    of them all."""
-    dtype = equations.minors.dtype
-    t = 2 * np.pi * np.arange(NODES) / NODES
-    cos, sin = (Lane(jnp.asarray(x[:, None], dtype)) for x in (np.cos(t), np.sin(t)))
+    """g of poses."""
+    cos, sin = nodes(equations.minors.dtype)
     minors = np.empty((3, COLUMNS, 6), dtype=object)
     for index in np.ndindex(3, COLUMNS, 6):
         minors[index] = Lane(equations.minors[index][None])
     pivots, basis = null_basis(at_angle(minors, cos, sin), numbers.places)
-    values = _kept((pivots * pivots * determinant(half_angle_matrix(basis))).array)
-    usable = jnp.isfinite(values)
-    largest = jnp.max(jnp.where(usable, jnp.abs(values), jnp.inf), axis=0)
-    some = jnp.isfinite(largest) & (largest > 0)
-    values = jnp.where(some, values / jnp.where(some, largest, 1.0), 0.0)
-    transformed = jnp.asarray(_TRANSFORM, dtype) @ values
-    rest = transformed[COEFFICIENTS:]
-    noise = jnp.where(some, jnp.max(jnp.abs(rest), axis=0), 1.0)
-    return Polynomial(_kept(transformed[:COEFFICIENTS]), noise)
-
-
-def _transform() -> np.ndarray:
-    """(20, 20) from values at the nodes to c_0, the real parts, the imaginary parts, the rest."""
-    t = 2 * np.pi * np.arange(NODES) / NODES
-    k = np.arange(1, DEGREE + 1)
-    cos, sin = np.cos(np.outer(k, t)), -np.sin(np.outer(k, t))
-    rest = [np.cos((DEGREE + 1) * t), np.sin((DEGREE + 1) * t), np.cos((DEGREE + 2) * t)]
-    return np.concatenate([np.ones((1, NODES)), cos, sin, rest]) / NODES
-
-
-_TRANSFORM = _transform()
+    return interpolated(_kept((pivots * pivots * determinant(half_angle_matrix(basis))).array))

@@ -38,6 +38,7 @@ class OffsetWristParameters:
         upper_arm_angle: cosine and sine of the angle of the upper arm from P1 at home.
         elbow_angle: cosine and sine of the angle from upper arm to forearm at home.
         turn_3: 1 where axis 3 points as axis 2 does, -1 where it points back.
+        is_far: whether axis 6 passes the wrist point far off (`KnownNumbers`).
     """
 
     base: Lanes
@@ -58,6 +59,7 @@ class OffsetWristParameters:
     upper_arm_angle: Lanes
     elbow_angle: Lanes
     turn_3: Lane
+    is_far: bool
 
     @property
     def is_planar(self) -> bool:
@@ -66,16 +68,15 @@ class OffsetWristParameters:
 
     def astype(self, dtype: DTypeLike) -> OffsetWristParameters:
         """The same numbers in a dtype."""
-        return OffsetWristParameters(
-            **{name: lanes.astype(value, dtype) for name, value in vars(self).items()}
-        )
+        cast = {name: lanes.astype(getattr(self, name), dtype) for name in FIELDS}
+        return dataclasses.replace(self, **cast)
 
 
 def parameters_from(known: KnownNumbers, arguments: Iterable[jax.Array]) -> OffsetWristParameters:
     """The lanes of an arm: the known numbers, and the arguments in the places between."""
     rest = iter(arguments)
-    entries = np.empty(len(known), dtype=object)
-    for i, number in enumerate(known):
+    entries = np.empty(len(known.entries), dtype=object)
+    for i, number in enumerate(known.entries):
         entries[i] = Lane(next(rest)) if number is None else Lane(number)
     fields, at = dict[str, Any](), 0
     for name, shape in FIELDS.items():
@@ -83,4 +84,4 @@ def parameters_from(known: KnownNumbers, arguments: Iterable[jax.Array]) -> Offs
         part = entries[at : at + size]
         fields[name] = part.reshape(shape) if shape else lanes.as_lane(part[0])
         at += size
-    return OffsetWristParameters(**fields)
+    return OffsetWristParameters(**fields, is_far=known.is_far)

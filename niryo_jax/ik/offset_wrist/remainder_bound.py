@@ -11,6 +11,7 @@ wrist point moves along its circle: docs/theory/complete-ik.md, section "Proof".
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,10 +22,23 @@ from niryo_jax.ik.offset_wrist.parameters import OffsetWristParameters
 from niryo_jax.ik.offset_wrist.posture import Posture
 from niryo_jax.ik.offset_wrist.wrist_circle import HalfAngle, WristCircle
 from niryo_jax.lanes import Lane
-from niryo_jax.tolerances import CONDITION_ROUNDING, ELBOW_ROUNDING
+from niryo_jax.tolerances import AXIS_1_ROUNDING, CONDITION_ROUNDING, ELBOW_ROUNDING
 
 # Its power 1.5 must not underflow in float32.
 _TINY = 1e-20
+
+
+class Bound(NamedTuple):
+    """What is known of the condition next to a point of the curve.
+
+    Attributes:
+        remainder: m with |f'' + u'^2 f| <= m; infinite where none is known.
+        lever: the least distance of the wrist from where theta_1 would not move it, metres; 0 where
+            none is known.
+    """
+
+    remainder: Lane
+    lever: Lane
 
 
 def _rates(half: HalfAngle, sin_square: Lane, cos_square: Lane) -> tuple[Lane, Lane]:
@@ -50,8 +64,8 @@ def remainder_bound(
     found: Posture,
     t: tuple[Lane, Lane],
     reach: Lane | float,
-) -> Lane:
-    """m with |f'' + u'^2 f| <= m on the curve within `reach` of t; infinite where none is known.
+) -> Bound:
+    """What is known of the condition on the curve within `reach` of t.
 
     Args:
         found: the posture at t.
@@ -69,6 +83,7 @@ def remainder_bound(
     if arm.is_planar:
         least = lanes.maximum(distance - step, abs(a - b))
         known = near > 0.0
+        lever = near
         near = lanes.select(known, near, 1.0)
         plane_1 = r / near
         plane_2 = plane_1 + plane_1 * plane_1
@@ -84,7 +99,7 @@ def remainder_bound(
         inside = near * near - w * w
         known = (near > 0.0) & (inside > 0.0)
         near = lanes.select(known, near, 1.0)
-        h = lanes.sqrt(lanes.select(known, inside, 1.0))
+        h = lever = lanes.sqrt(lanes.select(known, inside, 1.0))
         h1 = (far * r + w * w1) / h
         h2 = (r * r + far * r + w1 * w1 + w * w1 + h1 * h1) / h
         per = r / near
@@ -113,28 +128,51 @@ def remainder_bound(
     across = lanes.minimum(lanes.sqrt(1.0 - along * along) + rate * reach, 1.0)
     level = abs(arm.hand[0] * along - arm.wrist_angle) + abs(arm.hand[0]) * rate * reach
     bound = rate_2 + rate * rate + 2.0 * rate * spread * u1 + spread * across * u2 + level * u1 * u1
-    return lanes.select(known, bound, math.inf)
+    return Bound(lanes.select(known, bound, math.inf), lanes.select(known, lever, 0.0))
 
 
 def _square(x: Lane) -> Lane:
     return x * x
 
 
-def pose_rounding(sin_elbow: jax.Array, given: DTypeLike) -> jax.Array | float:
+class Rounding(NamedTuple):
     """How far f can be from that of a pose within rounding of the one that is given.
 
-    The target fixes sin^2(E/2), so that its rounding moves E by more the nearer sin E is to zero.
+    Attributes:
+        turn: without what the elbow adds.
+        whole: with it. That is the same for all of an interval, and makes no root of its own.
+    """
+
+    turn: jax.Array
+    whole: jax.Array
+
+
+def pose_rounding(
+    arm: OffsetWristParameters, sin_elbow: Lane, lever: Lane, given: DTypeLike
+) -> tuple[Lane, Lane]:
+    """The entries of a `Rounding`.
+
+    The target fixes sin^2(E/2), so that its rounding moves E by more the nearer sin E is to zero;
+    and theta_1 by more the nearer the wrist is to axis 1.
 
     Args:
+        arm: the numbers of the arm.
         sin_elbow: the least |sin E| of what is asked about.
+        lever: the least of the wrist's distances from where theta_1 would not move it, metres; 0
+            where none is known, and nothing else of f either.
         given: the dtype in which the pose is given.
     """
-    rounding, elbow = CONDITION_ROUNDING.of(sin_elbow.dtype), ELBOW_ROUNDING.of(given)
+    dtype = sin_elbow.array.dtype
+    share = AXIS_1_ROUNDING.of(dtype) * (arm.upper_arm + arm.forearm)
+    known = lever > 0.0
+    turn = lanes.select(known, share / lanes.select(known, lever, 1.0), 0.0)
+    turn = CONDITION_ROUNDING.of(dtype) + turn
+    elbow = ELBOW_ROUNDING.of(given)
     least = float(jnp.finfo(given).eps) ** 0.5
-    if elbow / least < rounding:
+    if elbow / least < CONDITION_ROUNDING.of(dtype):
         # In a coarser dtype than that of the pose it is hardly more wherever the elbow is.
-        return rounding + elbow / least
-    return rounding + elbow / jnp.maximum(sin_elbow, least)
+        return turn, turn + elbow / least
+    return turn, turn + elbow / lanes.maximum(sin_elbow, least)
 
 
 def proves(
@@ -142,7 +180,7 @@ def proves(
     width: jax.Array | float,
     f_low: jax.Array,
     f_high: jax.Array,
-    rounding: jax.Array | float,
+    rounding: Rounding,
 ) -> tuple[jax.Array, jax.Array]:
     """What the bound proves of intervals no wider than 0.22.
 
@@ -159,6 +197,6 @@ def proves(
     sag = remainder * (width * width)
     change = (f_low > 0) != (f_high > 0)
     # What moves f as a whole moves its root, and does not make another.
-    monotone = jnp.abs(f_high - f_low) > 0.62 * sag + CONDITION_ROUNDING.of(f_low.dtype)
+    monotone = jnp.abs(f_high - f_low) > 0.62 * sag + rounding.turn
     least = jnp.minimum(jnp.abs(f_low), jnp.abs(f_high))
-    return monotone | (~change & (least > 0.14 * sag + rounding)), sag
+    return monotone | (~change & (least > 0.14 * sag + rounding.whole)), sag

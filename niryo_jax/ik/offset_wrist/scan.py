@@ -1,8 +1,8 @@
 """The common case of the complete solver: a coarse scan, proved complete, and its roots.
 
-Most poses have at most two roots on each of the four branches, and a scan of a few nodes is enough
-to prove it (`bounds`). They are solved here in one straight pass over the batch; a pose for which
-the proof fails is left to `subdivide`.
+Most poses have at most two roots on each of the four branches (four where the wrist offset is
+large), and a scan of a few nodes is enough to prove it. They are solved here in one straight pass
+over the batch; a pose for which the proof fails is left to `subdivision`.
 """
 
 from __future__ import annotations
@@ -21,20 +21,27 @@ from niryo_jax.ik.offset_wrist.posture import (
     branch_label,
     joint_angles,
 )
+from niryo_jax.ik.offset_wrist.product import product_of_branches
 from niryo_jax.ik.offset_wrist.wrist_circle import WristCircle
 from niryo_jax.ik.results.candidates import Candidates
+from niryo_jax.ik.trig_polynomial import forms_on_arcs, most_roots
 from niryo_jax.tolerances import SECANT
 
+_FEW, _MANY = (2, 16), (4, 48)
+"""How many roots of a branch are looked for, and in how many intervals."""
+
+_ARCS = 16
 _ROUGH_SECANTS = 3
 _SECANTS = 2
 _MARGIN = 1e-3
 
 
 class _Brackets(NamedTuple):
-    """A change of sign in each of the slots: (2, 4, batch), the last change before the first."""
+    """A change of sign in each of the slots: (slots, 4, batch)."""
 
     exists: jax.Array
     low: jax.Array
+    high: jax.Array
     f_low: jax.Array
     f_high: jax.Array
 
@@ -42,14 +49,28 @@ class _Brackets(NamedTuple):
 def scan_candidates(
     arm: OffsetWristParameters, circle: WristCircle, batch: int, dtype: np.dtype
 ) -> Candidates:
-    """The candidates of a batch of poses, two for each branch."""
-    # The scan asks for no more than the signs of f and a bound with an allowance for rounding.
+    """The candidates of a batch of poses, two or four for each branch."""
+    # The scan asks for no more than the signs of f, with an allowance for rounding.
     rough, rough_circle = arm.astype(np.float32), circle.astype(np.float32)
-    proved, brackets = _brackets(*condition.scan(rough, rough_circle, batch, np.float32, dtype))
-    exists, *ends = (x.reshape(8, batch) for x in brackets)
-    signs = condition.branch_signs(jnp.tile(jnp.arange(4), 2)[:, None], np.float32)
+    if dtype == np.float64:
+        margin, (most, count) = 0.0, _MANY if arm.is_far else _FEW
+        nodes = condition.at_nodes(rough, rough_circle, batch, np.float32, dtype, count)
+        brackets, all_changes = _brackets(nodes.f, most)
+        proved = all_changes & _are_all(arm, circle, nodes, brackets)
+    else:
+        # In float32 noise hides half of what the product tells.
+        # A node so near a root that its sign is rounding may be on the wrong side of it.
+        margin, most = _MARGIN, 2
+        f, sure = condition.scan(rough, rough_circle, batch, np.float32, dtype)
+        brackets, all_changes = _brackets(f, most)
+        proved = all_changes & jnp.all(sure, axis=(0, 1))
+    slots = 4 * most
+    brackets = _Brackets(*(x.reshape(slots, batch) for x in brackets))
+    signs = condition.branch_signs(jnp.tile(jnp.arange(4), most)[:, None], np.float32)
     root = _secants(
-        lambda t: condition.at(rough, rough_circle, signs, t).f, _start(*ends), _ROUGH_SECANTS
+        lambda t: condition.at(rough, rough_circle, signs, t).f,
+        _start(brackets, margin),
+        _ROUGH_SECANTS,
     )
     root = _Root(*(x.astype(dtype) for x in root))
     elbow, shoulder = (sign.astype(dtype) for sign in signs)
@@ -57,28 +78,52 @@ def scan_candidates(
     found = condition.at(arm, circle, (elbow, shoulder), root.t).posture.materialised()
     q = lanes.materialised(joint_angles(arm, circle, found))
     # What is proved here has simple roots.
-    regular = jnp.zeros((8, batch), jnp.int32)
-    return Candidates(q, exists, branch_label(found, q[4]), regular, proved)
+    regular = jnp.zeros((slots, batch), jnp.int32)
+    return Candidates(q, brackets.exists, branch_label(found, q[4]), regular, proved)
 
 
-def _brackets(f: jax.Array, sure: jax.Array) -> tuple[jax.Array, _Brackets]:
-    """Whether two roots at most are proved for each branch, and the first and last sign change."""
+def _are_all(
+    arm: OffsetWristParameters,
+    circle: WristCircle,
+    nodes: condition.Nodes,
+    brackets: _Brackets,
+) -> jax.Array:
+    """Whether the product of all branches has no more roots than there are brackets, each of which
+    holds one, since f is farther from zero at the nodes than rounding can move it."""
+    product = product_of_branches(arm, circle)
+    most, _ = most_roots(forms_on_arcs(product, _ARCS), product.margin)
+    as_many = jnp.sum(most, axis=0) == jnp.sum(brackets.exists, axis=(0, 1), dtype=jnp.int32)
+    return as_many & jnp.all(jnp.abs(nodes.f) > nodes.rounding, axis=(0, 1))
+
+
+def _brackets(f: jax.Array, most: int) -> tuple[_Brackets, jax.Array]:
+    """Changes of sign of each branch: the last, the first, the second, the last but one; and
+    (batch,) whether no branch has more than these."""
     before, after = f[:, :-1], f[:, 1:]
+    nodes = before.shape[1]
     change = (before > 0) != (after > 0)
     count = jnp.sum(change, axis=1, dtype=jnp.int32)
-    proved = jnp.all(sure, axis=(0, 1)) & jnp.all(count <= 2, axis=0)
-    number = jnp.arange(condition.NODES, dtype=jnp.int32)[:, None]
-    last = jnp.max(jnp.where(change, number, 0), axis=1)
-    most = condition.NODES - 1
-    first = most - jnp.max(jnp.where(change, most - number, 0), axis=1)
-    chosen = jnp.stack([last, first])
+    number = jnp.arange(nodes, dtype=jnp.int32)[:, None]
+
+    def last_of(which: jax.Array) -> jax.Array:
+        return jnp.max(jnp.where(which, number, 0), axis=1)
+
+    def first_of(which: jax.Array) -> jax.Array:
+        return nodes - 1 - jnp.max(jnp.where(which, nodes - 1 - number, 0), axis=1)
+
+    chosen = [last_of(change), first_of(change)]
+    if most > 2:
+        last, first = (x[:, None] for x in chosen)
+        chosen += [first_of(change & (number > first)), last_of(change & (number < last))]
+    places = jnp.stack(chosen)
 
     def pick(values: jax.Array) -> jax.Array:
-        return jnp.sum(jnp.where(number == chosen[:, :, None], values, 0.0), axis=2)
+        return jnp.sum(jnp.where(number == places[:, :, None], values, 0.0), axis=2)
 
-    low = -np.pi / 2 + condition.WIDTH * chosen.astype(f.dtype)
-    exists = jnp.stack([count > 0, count > 1])
-    return proved, _Brackets(exists, low, pick(before), pick(after))
+    low, high = (condition.node(x.astype(f.dtype), nodes) for x in (places, places + 1))
+    exists = jnp.stack([count > i for i in range(most)])
+    whole = jnp.all(count <= most, axis=0)
+    return _Brackets(exists, low, high, pick(before), pick(after)), whole
 
 
 class _Root(NamedTuple):
@@ -93,10 +138,10 @@ class _Root(NamedTuple):
 _State = tuple[_Root, jax.Array, jax.Array]
 
 
-def _start(low: jax.Array, f_low: jax.Array, f_high: jax.Array) -> _Root:
-    slope = (f_high - f_low) / condition.WIDTH
-    # A node so near a root that its sign is rounding may be on the wrong side of it.
-    return _Root(low - _over(f_low, slope), slope, low - _MARGIN, low + condition.WIDTH + _MARGIN)
+def _start(brackets: _Brackets, margin: float) -> _Root:
+    _, low, high, f_low, f_high = brackets
+    slope = (f_high - f_low) / (high - low)
+    return _Root(low - _over(f_low, slope), slope, low - margin, high + margin)
 
 
 def _secants(f_at: Callable[[jax.Array], jax.Array], root: _Root, steps: int) -> _Root:

@@ -1,6 +1,6 @@
 """Every root of the one condition of an offset-wrist arm, by subdivision with a proof.
 
-Each interval of the curve is halved until it is proved to hold no root or exactly one (`bounds`),
+Each interval of the curve is halved until it is proved (`remainder_bound`) to hold no root or one,
 so that work goes where the function bends: near the edges of reach, near axis 1, and where roots
 nearly touch. The intervals of all poses wait on one stack; every step takes the top of it, so that
 the program has fixed shapes while the depth is as large as a pose asks.
@@ -19,7 +19,12 @@ from niryo_jax.execution.compaction import append, at_once, tally
 from niryo_jax.ik.offset_wrist import condition
 from niryo_jax.ik.offset_wrist.parameters import OffsetWristParameters
 from niryo_jax.ik.offset_wrist.posture import Posture, posture_or_crossing
-from niryo_jax.ik.offset_wrist.remainder_bound import pose_rounding, proves, remainder_bound
+from niryo_jax.ik.offset_wrist.remainder_bound import (
+    Rounding,
+    pose_rounding,
+    proves,
+    remainder_bound,
+)
 from niryo_jax.ik.offset_wrist.wrist_circle import WristCircle
 from niryo_jax.lanes import Lane, RecordRows
 from niryo_jax.tolerances import (
@@ -183,13 +188,15 @@ def _step(
     middle, reach = 0.5 * (low + high), 0.5 * (high - low)
     circle = circles[pose.astype(jnp.int32)]
     f_middle, found, t = condition.at(arm, circle, signs, middle, near_shoulder=True)
-    remainder = lanes.materialise(
-        remainder_bound(arm, circle, found, t, Lane(reach)), by=Lane(f_middle)
-    ).array
+    bound = remainder_bound(arm, circle, found, t, Lane(reach))
     # |dE/dt| is at most 2.
-    sine = lanes.materialise(abs(found.elbow[1]), by=Lane(f_middle)).array
-    rounding = pose_rounding(sine - 2.0 * reach, dtype)
-    touching = jnp.abs(f_middle) < jnp.maximum(SQUARE_ROOT_END, rounding)
+    sine = abs(found.elbow[1]) - Lane(2.0 * reach)
+    allowed = pose_rounding(arm, sine, bound.lever, dtype)
+    remainder, *allowed = (
+        lanes.materialise(x, by=Lane(f_middle)).array for x in (bound.remainder, *allowed)
+    )
+    rounding = Rounding(*allowed)
+    touching = jnp.abs(f_middle) < jnp.maximum(SQUARE_ROOT_END, rounding.whole)
     crossing = folded = jnp.zeros_like(live)
     if arm.is_planar:
         distance = lanes.materialise(found.from_axis_1 + arm.radius * 2.0 * reach)
@@ -201,7 +208,7 @@ def _step(
     for a, b, f_a, f_b in ((low, middle, f_low, f_middle), (middle, high, f_middle, f_high)):
         change = (f_a > 0) != (f_b > 0)
         proved, sag = proves(remainder, reach, f_a, f_b, rounding)
-        flat = sag + reach * reach * 1e-2 < CONDITION_ROUNDING.of(dtype)
+        flat = sag + reach * reach * 1e-2 < rounding.turn
         narrow = flat | (reach < NARROWEST.of(dtype))
         # Each half of a crossing stands for one of its two roots, on whatever branch it is met.
         of_root = 2 * (branch // 2) + len(halves) + 4 * jnp.where(folded, FOLDED, CROSSING)
