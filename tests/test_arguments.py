@@ -82,6 +82,7 @@ OTHERS: dict[str, Any] = {
 """What is no array."""
 
 OF_FUNCTION: dict[str, dict[str, Any]] = {
+    "motion.best_path": {"poses": np.stack([POSE, POSE])},
     "uncertainty.position_ellipsoid": {"covariance": np.eye(3)},
     "collision.segment_distance": {"start": POINT, "end": POINT},
     "collision.box_distance": {"start": POINT, "end": POINT},

@@ -189,7 +189,8 @@ class World(Record):
         ignored: Iterable[int] = (),
         names: Sequence[str] | None = None,
     ) -> World:
-        """Spheres: centres (s, 3) and radii (s,), metres; the rest and errors as for `planes`."""
+        """Spheres: centres (s, 3) and radii (s,) or one for all, metres; the rest and errors as for
+        `planes`."""
         return cls._of("sphere", names, ignored, sphere_centres=centres, sphere_radii=radii)
 
     @classmethod
@@ -202,7 +203,8 @@ class World(Record):
         ignored: Iterable[int] = (),
         names: Sequence[str] | None = None,
     ) -> World:
-        """Capsules: ends (c, 3) and radii (c,), metres; the rest and errors as for `planes`."""
+        """Capsules: ends (c, 3) and radii (c,) or one for all, metres; the rest and errors as for
+        `planes`."""
         return cls._of(
             "capsule",
             names,
@@ -221,6 +223,10 @@ class World(Record):
         given = {name: as_data(name, value) for name, value in arrays.items()}
         first = next(iter(given.values()))
         count = first.shape[0] if first.ndim else 0
+        for name, value in given.items():
+            if name.endswith("_radii") and value.ndim == 0:
+                library = np if isinstance(value, np.ndarray) else jnp
+                given[name] = library.broadcast_to(value, (count,))
         labels = tuple(f"{kind}_{i + 1}" for i in range(count)) if names is None else names
         links = _as_ignored(ignored)
         return cls(**{**empty, **given}, names=tuple(labels), ignored=(links,) * count)

@@ -3,6 +3,7 @@
 Lynch & Park, *Modern Robotics*, sections 9.1 and 9.2.
 """
 
+from niryo_jax.motion.best_path import BestPath, best_path
 from niryo_jax.motion.paths import (
     JointTrajectory,
     PoseTrajectory,
@@ -10,12 +11,16 @@ from niryo_jax.motion.paths import (
     joint_trajectory,
     screw_trajectory,
 )
+from niryo_jax.motion.rungs import PathCost
 from niryo_jax.motion.time_scaling import TimeScaling, cubic_time_scaling, quintic_time_scaling
 
 __all__ = [
+    "BestPath",
     "JointTrajectory",
+    "PathCost",
     "PoseTrajectory",
     "TimeScaling",
+    "best_path",
     "cartesian_trajectory",
     "cubic_time_scaling",
     "joint_trajectory",
