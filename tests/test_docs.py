@@ -71,7 +71,7 @@ def test_python(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         return
     from niryo_jax.hardware import SimulatedNiryo
 
-    with SimulatedNiryo(time_scale=0.02) as simulated:
+    with SimulatedNiryo(time_scale=50) as simulated:
         for line, code in found:
             run(page, Block(line, code.replace(HOST, simulated.address)), names)
 
