@@ -1,13 +1,15 @@
 """The code of README.md and of the pages in docs/ runs as it stands.
 
 The blocks of a page are one program, in order. A block below `<!-- not run: reason -->` is left
-out; where a page names a robot's host, the simulated robot answers in its place.
+out; where a `text` block stands right below one, it is what the block prints; where a page names a robot's host, the simulated robot answers in its place.
 """
 
 from __future__ import annotations
 
 import ast
+import contextlib
 import importlib.util
+import io
 import re
 import shlex
 from collections.abc import Callable
@@ -28,20 +30,30 @@ _FENCE = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _NOT_RUN = re.compile(r"<!-- not run: .+ -->\n+\Z")
 
 
+_SHOWN = re.compile(r"\A\n*```text\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
 class Block(NamedTuple):
     line: int
     """Of the page, of the first line of the code, from 1."""
     code: str
+    shown: str | None
+    """What the page shows right below it as printed; None where it shows nothing."""
 
 
 def blocks(page: Path, language: str) -> list[Block]:
     """The blocks of a page that are run."""
     text = page.read_text()
     return [
-        Block(text.count("\n", 0, match.start(2)) + 1, match[2])
+        Block(text.count("\n", 0, match.start(2)) + 1, match[2], _shown(text[match.end() :]))
         for match in _FENCE.finditer(text)
         if match[1] == language and not _NOT_RUN.search(text[: match.start()])
     ]
+
+
+def _shown(below: str) -> str | None:
+    match = _SHOWN.match(below)
+    return match[1] if match else None
 
 
 def name_of(page: Path) -> str:
@@ -49,10 +61,13 @@ def name_of(page: Path) -> str:
 
 
 def run(page: Path, block: Block, names: dict[str, Any]) -> None:
-    """Run a block; a traceback shows the line of the page."""
+    """Run a block, and hold what it prints against the page; a traceback shows the page's line."""
     tree = ast.parse(block.code, str(page))
     ast.increment_lineno(tree, block.line - 1)
-    exec(compile(tree, str(page), "exec"), names)
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        exec(compile(tree, str(page), "exec"), names)
+    if block.shown is not None:
+        assert printed.getvalue() == block.shown
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=name_of)
@@ -72,8 +87,9 @@ def test_python(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     from niryo_jax.hardware import SimulatedNiryo
 
     with SimulatedNiryo(time_scale=50) as simulated:
-        for line, code in found:
-            run(page, Block(line, code.replace(HOST, simulated.address)), names)
+        for block in found:
+            code = block.code.replace(HOST, simulated.address)
+            run(page, block._replace(code=code), names)
 
 
 COMMANDS = [

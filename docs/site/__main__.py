@@ -1,8 +1,8 @@
 """Build the site: pages, executed notebooks, reference, formulas; then look at every link.
 
-    pip install -e ".[workspace,robot,urdf,mjcf]" --group docs
-    python -m docs.site             # into build/site; fails at a warning, an error or a dead link
-    python -m docs.site --quick     # without running the notebooks
+pip install -e ".[workspace,robot,urdf,mjcf]" --group docs
+python -m docs.site             # into build/site; fails at a warning, an error or a dead link
+python -m docs.site --quick     # without running the notebooks
 """
 
 from __future__ import annotations
