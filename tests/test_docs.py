@@ -1,7 +1,8 @@
 """The code of README.md and of the pages in docs/ runs as it stands.
 
 The blocks of a page are one program, in order. A block below `<!-- not run: reason -->` is left
-out; where a `text` block stands right below one, it is what the block prints; where a page names a robot's host, the simulated robot answers in its place.
+out; a `text` block right below one is what it prints. Where a page names a robot's host, the
+simulated robot answers in its place.
 """
 
 from __future__ import annotations

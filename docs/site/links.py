@@ -1,4 +1,4 @@
-"""Links of the built site that lead nowhere: to a page, a picture or a heading that is not there."""
+"""Links of the built site that lead nowhere: no page, no picture or no heading is there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Formulas of the built pages as MathML, which browsers draw without a script or a font from afar."""
+"""Formulas of the built pages as MathML, which browsers draw without a script from afar."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def render_formulas(site: Path) -> int:
     r"""Replace every \(...\) and \[...\] of the pages; how many there were.
 
     Raises:
-        ValueError: a formula with a command that is not known.
+        ValueError: a formula that cannot be read, or with a command that is not known.
     """
     count = 0
     for page in sorted(site.rglob("*.html")):
@@ -35,7 +35,10 @@ def _mathml(match: re.Match[str]) -> str:
     display = "block" if match["tag"] == "div" else "inline"
     # latex2mathml knows no \arg, and sets a \tag inside of the formula.
     plain = re.sub(r"\\arg\b", r"\\operatorname{arg}", _TAG.sub("", tex))
-    drawn = convert(plain, display=display)
+    try:
+        drawn = convert(plain, display=display)
+    except Exception as error:
+        raise ValueError(f"no formula that latex2mathml can read: {tex}") from error
     if "\\" in drawn:
         raise ValueError(f"a formula has a command that latex2mathml does not know: {tex}")
     if display == "inline":

@@ -27,7 +27,7 @@ _ANSI = re.compile(r"\x1b\[[0-9;]*m")
 
 
 def write_notebooks(examples: Path, pages: Path, *, execute: bool = True) -> None:
-    """Write a page, its figures and the notebook for each script, executed unless told otherwise."""
+    """Write a page, its figures and the notebook for each script, executed if not told otherwise."""
     pages.mkdir(parents=True, exist_ok=True)
     notebooks = {path.stem: from_script(path) for path in sorted(examples.glob("[0-9]*.py"))}
     for path in sorted((examples / "notebooks").glob("*.py")):

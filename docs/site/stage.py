@@ -1,4 +1,4 @@
-"""The sources of the site in one folder: docs/, and the pages that lie at the top of the repository."""
+"""The sources of the site in one folder: docs/, and pages of the repository's top level."""
 
 from __future__ import annotations
 
