@@ -17,17 +17,19 @@ from typing import Any
 
 import jupytext
 import nbformat
-from jupyter_client.manager import KernelManager
 from nbclient import NotebookClient
 
 SMALLER = {"11_capability_map": "0.1, 24", "13_block_stacking": "1"}
 """Arguments of `main` where its own take more than half a minute."""
 
+_BETWEEN = "%reset -f\n%matplotlib inline\n%config InlineBackend.figure_formats = ['svg']"
+"""Run before each notebook: nothing is left of the one before."""
+
 _ANSI = re.compile(r"\x1b\[[0-9;]*m")
 
 
 def write_notebooks(examples: Path, pages: Path, *, execute: bool = True) -> None:
-    """Write a page, its figures and the notebook for each script, executed if not told otherwise."""
+    """Write a page, its figures and the notebook for each script; `execute` them first."""
     pages.mkdir(parents=True, exist_ok=True)
     notebooks = {path.stem: from_script(path) for path in sorted(examples.glob("[0-9]*.py"))}
     for path in sorted((examples / "notebooks").glob("*.py")):
@@ -58,21 +60,20 @@ def from_script(path: Path) -> nbformat.NotebookNode:
 
 
 def _execute(notebooks: dict[str, nbformat.NotebookNode], folder: Path) -> None:
-    # Compiling is nearly all that the notebooks do.
+    cells: list[nbformat.NotebookNode] = []
+    for notebook in notebooks.values():
+        cells += [nbformat.v4.new_code_cell(_BETWEEN), *notebook.cells]
+    whole = nbformat.v4.new_notebook(cells=cells)
+    # Compiling is nearly all that they do.
     environment = {"XLA_FLAGS": "--xla_backend_optimization_level=0", **os.environ}
-    manager = KernelManager(kernel_name="python3")
-    manager.start_kernel(env=environment, cwd=str(folder))
-    try:
-        for name, notebook in notebooks.items():
-            print(f"running {name}", flush=True)
-            first = nbformat.v4.new_code_cell(
-                "%reset -f\n%config InlineBackend.figure_formats = ['svg']\n%matplotlib inline"
-            )
-            notebook.cells.insert(0, first)
-            NotebookClient(notebook, km=manager, timeout=300).execute(cleanup_kc=True)
-            del notebook.cells[0]
-    finally:
-        manager.shutdown_kernel(now=True)
+    place = {"metadata": {"path": str(folder)}}
+    NotebookClient(
+        whole, timeout=300, kernel_name="python3", resources=place, record_timing=False
+    ).execute(env=environment)
+    done = iter(whole.cells)
+    for notebook in notebooks.values():
+        next(done)
+        notebook.cells = [next(done) for _ in notebook.cells]
 
 
 def _page(name: str, notebook: nbformat.NotebookNode, folder: Path) -> Iterator[str]:

@@ -7,6 +7,8 @@
 # Here the same is done, and every solution of each pose is found beside it.
 
 # %%
+import itertools
+
 import jax
 import matplotlib.pyplot as plt
 import numpy as np
@@ -97,7 +99,8 @@ np.testing.assert_allclose(np.rad2deg(q[2]), [-45, -46.866, -34.862, 0, -8.272, 
 order = [0, 1, 2, 1, 3, 4, 3, 0]
 stops = np.asarray(q)[order]
 legs = [
-    nj.motion.joint_trajectory(a, b, duration=1.0, samples=40).q for a, b in zip(stops, stops[1:])
+    nj.motion.joint_trajectory(a, b, duration=1.0, samples=40).q
+    for a, b in itertools.pairwise(stops)
 ]
 way = 1e3 * np.asarray(nj.forward_kinematics(robot, np.concatenate(legs)))[:, :3, 3]
 places = 1e3 * poses[:, :3, 3]

@@ -30,10 +30,8 @@ key = jax.random.key(2)
 # %%
 one = un.propagate(robot, q, noise.covariance(q))
 average = un.propagate(robot, q, noise.covariance(q) / 200)
-for i in range(2):
-    print(
-        f"pose {i + 2}: one motion {1e3 * one.rms[i]:.2f} mm rms, the average of 200 {1e3 * average.rms[i]:.2f} mm"
-    )
+for i, (alone, mean) in enumerate(zip(1e3 * one.rms, 1e3 * average.rms), start=2):
+    print(f"pose {i}: one motion {alone:.2f} mm rms, the average of 200 {mean:.2f} mm")
 np.testing.assert_allclose(1e3 * one.rms, [3.85, 3.97], atol=0.01)
 
 draws = noise.sample(key, q[1], 20_000)
