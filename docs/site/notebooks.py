@@ -19,8 +19,14 @@ import jupytext
 import nbformat
 from nbclient import NotebookClient
 
-SMALLER = {"11_capability_map": "0.1, 24", "13_block_stacking": "1"}
-"""Arguments of `main` where its own take more than half a minute."""
+from tests.quick_compiling import XLA_FLAGS
+
+SMALLER = {
+    "02_batch_inverse_kinematics": "200",
+    "11_capability_map": "0.1, 24",
+    "13_block_stacking": "1",
+}
+"""Arguments of `main` where its own take long; those of the tests where these have any."""
 
 _BETWEEN = "%reset -f\n%matplotlib inline\n%config InlineBackend.figure_formats = ['svg']"
 """Run before each notebook: nothing is left of the one before."""
@@ -61,19 +67,30 @@ def from_script(path: Path) -> nbformat.NotebookNode:
 
 def _execute(notebooks: dict[str, nbformat.NotebookNode], folder: Path) -> None:
     cells: list[nbformat.NotebookNode] = []
-    for notebook in notebooks.values():
-        cells += [nbformat.v4.new_code_cell(_BETWEEN), *notebook.cells]
+    for name, notebook in notebooks.items():
+        first = nbformat.v4.new_code_cell(f"{_BETWEEN}\n# {name}")
+        cells += [first, *notebook.cells]
     whole = nbformat.v4.new_notebook(cells=cells)
-    # Compiling is nearly all that they do.
-    environment = {"XLA_FLAGS": "--xla_backend_optimization_level=0", **os.environ}
+    # Compiling is nearly all that they do; what the tests have compiled is in the same cache.
+    environment = {"XLA_FLAGS": XLA_FLAGS, **os.environ}
     place = {"metadata": {"path": str(folder)}}
     NotebookClient(
-        whole, timeout=300, kernel_name="python3", resources=place, record_timing=False
+        whole,
+        timeout=300,
+        kernel_name="python3",
+        resources=place,
+        record_timing=False,
+        on_cell_start=_say,
     ).execute(env=environment)
     done = iter(whole.cells)
     for notebook in notebooks.values():
         next(done)
         notebook.cells = [next(done) for _ in notebook.cells]
+
+
+def _say(cell: nbformat.NotebookNode, cell_index: int) -> None:
+    if cell.source.startswith(_BETWEEN):
+        print(f"running {cell.source.rpartition(' ')[2]}", flush=True)
 
 
 def _page(name: str, notebook: nbformat.NotebookNode, folder: Path) -> Iterator[str]:
