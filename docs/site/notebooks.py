@@ -17,6 +17,7 @@ from typing import Any
 
 import jupytext
 import nbformat
+from jupyter_client.manager import KernelManager
 from nbclient import NotebookClient
 
 from tests.quick_compiling import XLA_FLAGS
@@ -77,11 +78,11 @@ def _execute(notebooks: dict[str, nbformat.NotebookNode], folder: Path) -> None:
     NotebookClient(
         whole,
         timeout=300,
-        kernel_name="python3",
+        km=KernelManager(kernel_name="python3", transport="ipc"),
         resources=place,
         record_timing=False,
         on_cell_start=_say,
-    ).execute(env=environment)
+    ).execute(env=environment, cleanup_kc=True)
     done = iter(whole.cells)
     for notebook in notebooks.values():
         next(done)
