@@ -76,10 +76,10 @@ def _execute(notebooks: dict[str, nbformat.NotebookNode], folder: Path) -> None:
     place = {"metadata": {"path": str(folder)}}
     NotebookClient(
         whole,
-        timeout=300,
+        timeout=600,
         kernel_name="python3",
         startup_timeout=300,
-        # A kernel on this machine, for minutes, needs no encryption and no warning that it has none.
+        # For minutes on one machine it needs no encryption, and no warning that it has none.
         extra_arguments=["--IPKernelApp.log_level=ERROR"],
         resources=place,
         record_timing=False,
