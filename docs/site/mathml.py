@@ -16,10 +16,11 @@ FONT = Path(ziamath.__file__).parent / "fonts" / "STIXTwoMath-Regular.ttf"
 _FORMULA = re.compile(
     r'<(?P<tag>span|div) class="arithmatex">\s*\\[(\[](?P<tex>.*?)\\[)\]]\s*</(?P=tag)>', re.DOTALL
 )
-_FUNCTION = re.compile(
-    r"(<mi>(?:sin|cos|tan|arg|atan2|det|log)</mi>"
-    r"|<msup><mi>(?:sin|cos)</mi><mn>2</mn></msup>)(?=<m(?:i|n|frac|sub|sup|style)\b)"
+_NAME = (
+    r"(?:<mi>(?:sin|cos|tan|arg|atan2|det|log)</mi>"
+    r"|<msup><mi>(?:sin|cos)</mi><mn>2</mn></msup>)"
 )
+_FUNCTION = re.compile(rf"({_NAME})(?=<m(?:i|n|frac|sub|sup|style)\b)|(</m[in]>)(?={_NAME})")
 _TAG = re.compile(r"\\tag\{(.+?)\}")
 
 
@@ -51,7 +52,7 @@ def _mathml(match: re.Match[str]) -> str:
         raise ValueError(f"no formula that latex2mathml can read: {tex}") from error
     if "\\" in drawn:
         raise ValueError(f"a formula has a command that latex2mathml does not know: {tex}")
-    drawn = _FUNCTION.sub(r'\1<mspace width="0.17em"/>', drawn)
+    drawn = _FUNCTION.sub(r'\g<0><mspace width="0.17em"/>', drawn)
     if display == "inline":
         return drawn
     number = f'<span class="number">({numbers[0]})</span>' if numbers else ""

@@ -83,6 +83,7 @@ def _execute(notebooks: dict[str, nbformat.NotebookNode], folder: Path) -> None:
         extra_arguments=["--IPKernelApp.log_level=ERROR"],
         resources=place,
         record_timing=False,
+        coalesce_streams=True,
         on_cell_start=_say,
     ).execute(env=environment)
     done = iter(whole.cells)

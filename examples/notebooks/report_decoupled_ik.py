@@ -102,7 +102,7 @@ singular = nj.inverse_kinematics(
 )
 marks = {nj.Singularity(int(s)).name for s in singular.singularity[singular.found]}
 print(singular.message())
-print(marks)
+print(sorted(marks))
 assert "WRIST" in marks
 
 # %% [markdown]
