@@ -56,9 +56,12 @@ def test_formulas_are_drawn_or_refused(tmp_path: Path):
     page.write_text(
         r'<span class="arithmatex">\(a &lt; \theta\)</span>'
         r'<div class="arithmatex">\[x^2 \tag{3}\]</div>'
+        r'<span class="arithmatex">\(2\sin^2(x)\cos x\)</span>'
     )
-    assert render(tmp_path) == 2
-    assert page.read_text().count("<math") == 2
+    assert render(tmp_path) == 3
+    assert page.read_text().count("<math") == 3
+    assert "<msup><mi>sin</mi><mn>2</mn></msup>" in page.read_text()
+    assert '<mi>cos</mi><mspace width="0.17em"/><mi>x</mi>' in page.read_text()
     assert '<span class="number">(3)</span>' in page.read_text()
     page.write_text(r'<span class="arithmatex">\(\nosuchthing\)</span>')
     with pytest.raises(ValueError, match="nosuchthing"):

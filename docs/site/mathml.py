@@ -17,7 +17,7 @@ _FORMULA = re.compile(
     r'<(?P<tag>span|div) class="arithmatex">\s*\\[(\[](?P<tex>.*?)\\[)\]]\s*</(?P=tag)>', re.DOTALL
 )
 _NAME = (
-    r"(?:<mi>(?:sin|cos|tan|arg|atan2|det|log)</mi>"
+    r"(?:(?<!<msu[bp]>)<mi>(?:sin|cos|tan|arg|atan2|det|log)</mi>"
     r"|<msup><mi>(?:sin|cos)</mi><mn>2</mn></msup>)"
 )
 _FUNCTION = re.compile(rf"({_NAME})(?=<m(?:i|n|frac|sub|sup|style)\b)|(</m[in]>)(?={_NAME})")
