@@ -1,0 +1,97 @@
+"""The fastest way along a given path: time-optimal path parametrisation by reachability.
+
+With x = (ds/dt)^2 and u = d2s/dt2, limits of velocity bound x, and limits of acceleration are
+|q' u + q'' x| <= a for each joint, linear in both. Between two nodes of s the u is constant, so
+that x at the next is x + 2 du, with d the distance. Backwards from rest, the largest x at each node
+from which the next can be done; forwards from rest, the largest u that stays below those (Pham &
+Pham, A New Approach to Time-Optimal Path Parameterization Based on Reachability Analysis, 2018).
+Rest is possible everywhere, so that nothing else bounds x from below.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+CHECKED = 3
+"""Places of an interval at which accelerations are bounded: both its ends and the middle."""
+
+_HUGE = 1e15
+
+
+class Rows(NamedTuple):
+    """Bounds |p u + c x| <= 1 of intervals, of which x and u are those of the start.
+
+    Attributes:
+        p: (..., intervals, rows), 0 or more.
+        c: (..., intervals, rows).
+    """
+
+    p: jax.Array
+    c: jax.Array
+
+
+def squared_rates(
+    slope: jax.Array, bend: jax.Array, most: jax.Array, step: float
+) -> jax.Array:
+    """The largest x = (ds/dt)^2 at equally spaced nodes of which the first and the last are rest.
+
+    Args:
+        slope, bend: (..., intervals, CHECKED, n) first and second derivatives by s of each joint in
+            units of its largest acceleration, at the start, the middle and the end of intervals.
+        most: (..., intervals + 1) the largest x that velocities allow at the nodes.
+        step: between two nodes.
+
+    Returns:
+        (..., intervals + 1).
+    """
+    batch, intervals = slope.shape[:-3], slope.shape[-3]
+    ahead = step * jnp.linspace(0.0, 2.0, CHECKED, dtype=slope.dtype)[:, None]
+    shape = (*batch, intervals, CHECKED * slope.shape[-1])
+    p, c = (slope + ahead * bend).reshape(shape), bend.reshape(shape)
+    rows = Rows(jnp.abs(p), jnp.where(p < 0, -c, c))
+    most = jnp.minimum(most, _HUGE)
+    along = Rows(*(jnp.moveaxis(x, -2, 0) for x in rows))
+    bounds = jnp.moveaxis(most, -1, 0)
+    rest = jnp.zeros(batch, slope.dtype)
+
+    def back(after: jax.Array, given: tuple[Rows, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        rows, bound = given
+        here = jnp.minimum(bound, _largest_start(rows, after, 2.0 * step))
+        return here, here
+
+    def forth(before: jax.Array, given: tuple[Rows, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        rows, after = given
+        pushes = rows.p > 0
+        room = (1.0 - rows.c * before[..., None]) / jnp.where(pushes, rows.p, 1.0)
+        u = jnp.min(jnp.where(pushes, room, jnp.inf), axis=-1)
+        here = jnp.maximum(jnp.minimum(before + 2.0 * step * u, after), 0.0)
+        return here, here
+
+    _, possible = jax.lax.scan(back, rest, (along, bounds[:-1]), reverse=True)
+    possible = jnp.concatenate([possible[1:], rest[None]])
+    _, x = jax.lax.scan(forth, rest, (along, possible))
+    return jnp.moveaxis(jnp.concatenate([rest[None], x]), 0, -1)
+
+
+def _largest_start(rows: Rows, after: jax.Array, step: jax.Array | float) -> jax.Array:
+    """The largest x (...,) from which some u keeps all rows and 0 <= x + step u <= after.
+
+    Each row bounds u from below and from above by lines in x; there is a u where each bound from
+    below is below each from above (Fourier and Motzkin). Multiplied out, nothing is divided by p.
+    """
+    batch = after.shape
+    next_p = jnp.full((*batch, 1), step, rows.p.dtype)
+    p = jnp.concatenate([rows.p, next_p], axis=-1)
+    c = jnp.concatenate([rows.c, jnp.ones_like(next_p)], axis=-1)
+    ones = jnp.ones_like(rows.p)
+    above = jnp.concatenate([ones, after[..., None]], axis=-1)
+    below = jnp.concatenate([ones, jnp.zeros_like(next_p)], axis=-1)
+    # [..., l, m]: the lower bound of row l is at most the upper bound of row m.
+    factor = p[..., :, None] * c[..., None, :] - p[..., None, :] * c[..., :, None]
+    right = p[..., :, None] * above[..., None, :] + p[..., None, :] * below[..., :, None]
+    binds = factor > 0
+    bound = jnp.where(binds, right / jnp.where(binds, factor, 1.0), jnp.inf)
+    return jnp.min(bound, axis=(-2, -1))

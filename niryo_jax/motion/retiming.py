@@ -1,0 +1,254 @@
+"""When a path of joint vectors is where, under limits of its joints and of the tool."""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from niryo_jax._jax import is_concrete
+from niryo_jax.arguments import check_choice, check_finite, check_fits, is_known
+from niryo_jax.jacobian import body_jacobian
+from niryo_jax.lanes.batching import as_floating, check_shape
+from niryo_jax.motion.best_path import BestPath
+from niryo_jax.motion.fastest import CHECKED, squared_rates
+from niryo_jax.motion.limits import CartesianLimits, MotionLimits, as_arrays, check_limits_of
+from niryo_jax.motion.spline import Place, Spline, norm, place_at, root, spline_through
+from niryo_jax.motion.time_scaling import TimeScaling, quintic
+from niryo_jax.motion.timed_path import Method, TimedPath
+from niryo_jax.robot import Robot, check_is_robot
+from niryo_jax.tolerances import LIMIT_ROUNDING, PATH_LIMITS
+
+INTERVALS = 1024
+"""Between equally spaced nodes of a path, unless it has more than half as many samples."""
+
+_FINER = 4
+"""So many places of each interval are looked at afterwards."""
+
+_LEAST = 1e-7
+"""Where joints move by less than this share of the most, velocities do not bound the path."""
+
+
+def retime(
+    path: ArrayLike | BestPath,
+    limits: MotionLimits,
+    *,
+    robot: Robot | None = None,
+    cartesian: CartesianLimits | None = None,
+    method: Method = "fastest",
+    intervals: int | None = None,
+) -> TimedPath:
+    """When a path is where, so that it is done fast within limits, from rest to rest.
+
+    The path is the cubic spline through its samples, parametrised by the length of the chords
+    between them in joint space; the spline is twice continuously differentiable, and samples that
+    repeat the one before are left out. What is found keeps all limits at `_FINER` places of each
+    interval, to rounding: where the discrete optimum passes one between its nodes, time is
+    stretched by as much. In between, limits are kept to 0.1 % (docs/motion.md has what was
+    measured).
+
+    Args:
+        path: (..., k, n) joint vectors, radians (metres for prismatic joints), in the order of the
+            path; or what `best_path` found.
+        limits: of the joints. Jerk is bounded by the method "quintic" alone.
+        robot: the arm; with it, a path that leaves its joint limits is refused.
+        cartesian: limits of the tool, which need the arm.
+        method: "fastest": time-optimal, with accelerations that jump (`motion.fastest`). "quintic":
+            `quintic_time_scaling` along the whole path, in the shortest time that the limits allow:
+            smooth, and longer.
+        intervals: into how many the path is cut; 1,024 where not given, or the first power of two
+            that is at least twice the number of samples.
+
+    Returns:
+        A `TimedPath`. Of joint vectors that are all the same the duration is 0. Differentiable.
+
+    Raises:
+        ValueError: wrong shapes, numbers that are not finite, a path that leaves the joint limits
+            of the arm, or that `best_path` did not finish; limits of another number of joints,
+            of the tool without an arm; an unknown method.
+        TypeError: no arrays of numbers, no limits, no arm.
+    """
+    q = _samples(path)
+    count, n = q.shape[-2:]
+    limits = as_arrays(check_limits_of(limits, n), q.dtype)
+    check_choice("method", method, ("fastest", "quintic"))
+    if intervals is None:
+        intervals = max(INTERVALS, 1 << (2 * count - 1).bit_length())
+    most = check_fits("intervals", intervals, 8, 16 * (_FINER + 1) * q.size / max(count, 1))
+    _check_arm(robot, cartesian, n)
+    if robot is not None:
+        _check_samples(robot, q)
+    # Few programs: as many samples as a power of two, the last of them repeated.
+    size = 1 << (count - 1).bit_length()
+    last = jnp.broadcast_to(q[..., -1:, :], (*q.shape[:-2], size - count, n))
+    spline = spline_through(jnp.concatenate([q, last], axis=-2))
+    share = jnp.linspace(0.0, 1.0, _FINER * most + 1, dtype=q.dtype)
+    law = quintic(share) if method == "quintic" else None
+    s = jnp.broadcast_to(share if law is None else law.s, (*q.shape[:-2], len(share)))
+    place = _places(spline, s)
+    if robot is not None:
+        _check_between(robot, q, s, place.q)
+    fastest = _most_rate(limits, cartesian, place, _tool_rates(robot, cartesian, place))
+    if law is not None:
+        return _smooth(spline, place, law, limits, fastest)
+    return _fast(spline, place, limits, fastest)
+
+
+_places = jax.jit(place_at)
+
+
+def _samples(path: ArrayLike | BestPath) -> jax.Array:
+    if isinstance(path, BestPath):
+        if not np.all(path.ok):
+            raise ValueError(f"path: expected one that is done, got: {path.message}")
+        path = path.q
+    q = as_floating("path", path)
+    check_shape("path", q, (-1, -1))
+    if not q.shape[-2]:
+        raise ValueError(f"path: expected one sample or more, got shape {q.shape}")
+    check_finite("path", q)
+    return q
+
+
+def _check_arm(robot: object, cartesian: object, joints: int) -> None:
+    if robot is not None:
+        check_is_robot(robot)
+        if robot.joints != joints:
+            raise ValueError(f"path: expected {robot.joints} joints, got {joints}")
+    if not isinstance(cartesian, CartesianLimits | None):
+        raise TypeError(f"cartesian: expected CartesianLimits, got {type(cartesian).__name__}")
+    if cartesian is not None and robot is None:
+        raise ValueError("cartesian: expected a robot as well, whose tool is bounded")
+
+
+def _check_samples(robot: Robot, q: jax.Array) -> None:
+    """Raise a ValueError that names the first sample beyond the limits of a joint."""
+    first = _first_beyond(robot, q, LIMIT_ROUNDING.of(q.dtype))
+    if first is not None:
+        *_, sample, _ = first
+        raise ValueError(f"path: sample {sample}{_words(robot, q, first)}")
+
+
+def _check_between(robot: Robot, q: jax.Array, s: jax.Array, fine: jax.Array) -> None:
+    """The same of the path through the samples, at shares s of its length."""
+    first = _first_beyond(robot, fine, PATH_LIMITS.of(q.dtype))
+    if first is not None:
+        *batch, place, _ = first
+        chords = np.linalg.norm(np.diff(np.asarray(q)[tuple(batch)], axis=0), axis=-1)
+        done = np.cumsum(chords) / np.sum(chords)
+        before = int(np.searchsorted(done, float(s[(*batch, place)])))
+        raise ValueError(
+            f"path: between samples {before} and {before + 1} the spline"
+            f"{_words(robot, fine, first)}; closer samples keep it nearer to them"
+        )
+
+
+def _first_beyond(robot: Robot, q: jax.Array, tolerance: float) -> tuple[int, ...] | None:
+    if not (is_known(q) and is_concrete(robot.lower, robot.upper)):
+        return None
+    numbers, lower, upper = (np.asarray(x) for x in (q, robot.lower, robot.upper))
+    # Not a number is refused by itself.
+    beyond = np.argwhere((numbers < lower - tolerance) | (numbers > upper + tolerance))
+    return tuple(beyond[0].tolist()) if len(beyond) else None
+
+
+def _words(robot: Robot, q: jax.Array, first: tuple[int, ...]) -> str:
+    *batch, _, joint = first
+    of = f" of path {tuple(batch)}" if batch else ""
+    low, high = (float(np.asarray(x)[joint]) for x in (robot.lower, robot.upper))
+    return (
+        f"{of} leaves the limits of {robot.joint_names[joint]}, {low:.4f} to {high:.4f}: "
+        f"{float(q[first]):.4f}"
+    )
+
+
+def _tool_rates(
+    robot: Robot | None, cartesian: CartesianLimits | None, place: Place
+) -> tuple[jax.Array, jax.Array] | None:
+    """What the tool turns and moves per change of s, (..., m) each."""
+    if robot is None or cartesian is None:
+        return None
+    twist = jnp.einsum("...ij,...j->...i", body_jacobian(robot, place.q), place.slope)
+    # In the tool frame the linear part is the velocity of the frame's origin.
+    return norm(twist[..., :3]), norm(twist[..., 3:])
+
+
+@jax.jit
+def _most_rate(
+    limits: MotionLimits,
+    cartesian: CartesianLimits | None,
+    place: Place,
+    tool: tuple[jax.Array, jax.Array] | None,
+) -> jax.Array:
+    """The largest ds/dt that velocities allow, (..., m)."""
+    share = jnp.max(jnp.abs(place.slope) / limits.velocity, axis=-1)
+    if tool is not None and cartesian is not None:
+        for rate, most in zip(tool, (cartesian.angular, cartesian.linear)):
+            share = jnp.maximum(share, rate / most)
+    largest = jnp.max(share, axis=-1, keepdims=True)
+    least = jnp.where(largest > 0, _LEAST * largest, 1.0)
+    return 1.0 / jnp.maximum(share, least)
+
+
+@jax.jit
+def _fast(
+    spline: Spline, place: Place, limits: MotionLimits, fastest: jax.Array
+) -> TimedPath:
+    """The method "fastest", of places at `_FINER` parts of each interval."""
+    nodes = fastest.shape[-1] // _FINER + 1
+    step = 1.0 / (nodes - 1)
+
+    def within(array: jax.Array, every: int) -> jax.Array:
+        """The places (..., intervals, parts + 1) of each interval, its ends included."""
+        parts = _FINER // every
+        axis = array.ndim - (2 if array.ndim > fastest.ndim else 1)
+        fine = jnp.moveaxis(array, axis, -1)[..., ::every]
+        start = fine[..., :-1].reshape(*fine.shape[:-1], nodes - 1, parts)
+        end = fine[..., parts::parts]
+        return jnp.moveaxis(
+            jnp.concatenate([start, end[..., None]], axis=-1), (-2, -1), (axis, axis + 1)
+        )
+
+    slope, bend = (x / limits.acceleration for x in (place.slope, place.bend))
+    every = _FINER // (CHECKED - 1)
+    x = squared_rates(within(slope, every), within(bend, every), fastest[..., ::_FINER] ** 2, step)
+    before, after = x[..., :-1], x[..., 1:]
+    part = jnp.linspace(0.0, 1.0, _FINER + 1, dtype=x.dtype)
+    along = before[..., None] + part * (after - before)[..., None]
+    u = (0.5 * (after - before) / step)[..., None, None]
+    pushed = within(slope, 1) * u + within(bend, 1) * along[..., None]
+    beyond = jnp.max(root(along) / within(fastest, 1), axis=(-2, -1))
+    beyond = jnp.maximum(beyond, root(jnp.max(jnp.abs(pushed), axis=(-3, -2, -1))))
+    # In the discrete optimum something is at its limit: stretched to that.
+    rate = root(x) / jnp.where(beyond > 0, beyond, 1.0)[..., None]
+    mean = 0.5 * (rate[..., 1:] + rate[..., :-1])
+    moves = (spline.length > 0)[..., None] & (mean > 0)
+    seconds = jnp.where(moves, step / jnp.where(moves, mean, 1.0), 0.0)
+    time = jnp.concatenate([jnp.zeros_like(x[..., :1]), jnp.cumsum(seconds, axis=-1)], axis=-1)
+    s = jnp.broadcast_to(jnp.linspace(0.0, 1.0, nodes, dtype=x.dtype), x.shape)
+    return TimedPath(spline, time, s, rate, "fastest")
+
+
+@jax.jit
+def _smooth(
+    spline: Spline, place: Place, law: TimeScaling, limits: MotionLimits, fastest: jax.Array
+) -> TimedPath:
+    """The method "quintic", of places at equal shares of its duration."""
+    u = jnp.linspace(0.0, 1.0, len(law.s), dtype=law.s.dtype)
+    first, second = law.rate[:, None], law.acceleration[:, None]
+    third = (60.0 - 360.0 * u * (1.0 - u))[:, None]
+    worst = functools.partial(jnp.max, axis=(-2, -1))
+    pushed = place.slope * second + place.bend * first**2
+    duration = jnp.maximum(
+        jnp.max(law.rate / fastest, axis=-1), root(worst(jnp.abs(pushed) / limits.acceleration))
+    )
+    if limits.jerk is not None:
+        jolt = place.slope * third + 3.0 * place.bend * first * second + place.third * first**3
+        cube = worst(jnp.abs(jolt) / limits.jerk)
+        duration = jnp.maximum(duration, jnp.where(cube > 0, jnp.cbrt(jnp.where(cube > 0, cube, 1.0)), 0.0))
+    duration = jnp.where(spline.length > 0, duration, 0.0)
+    ends = jnp.stack([jnp.zeros_like(duration), jnp.ones_like(duration)], axis=-1)
+    return TimedPath(spline, ends * duration[..., None], ends, jnp.zeros_like(ends), "quintic")

@@ -1,0 +1,189 @@
+"""Cubic splines through joint vectors: twice continuously differentiable paths."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from niryo_jax.tolerances import SAME_WAYPOINT
+
+
+class Spline(NamedTuple):
+    """A path q(s) for s in [0, 1], the share of the length of the chords between its knots.
+
+    Attributes:
+        knots: (..., k) rising; 1 from the last knot on.
+        q: (..., k, n) joint vectors at the knots.
+        bend: (..., k, n) the second derivative there, between which it is linear.
+        length: (...,) of all chords, radians (metres); 0 where there is no way to go.
+    """
+
+    knots: jax.Array
+    q: jax.Array
+    bend: jax.Array
+    length: jax.Array
+
+
+class Place(NamedTuple):
+    """Where a path is at some s, and its derivatives by s; (..., m, n) each.
+
+    Attributes:
+        q, slope, bend, third: the path and its first three derivatives.
+    """
+
+    q: jax.Array
+    slope: jax.Array
+    bend: jax.Array
+    third: jax.Array
+
+
+@jax.jit
+def spline_through(q: jax.Array) -> Spline:
+    """The cubic spline through joint vectors (..., k, n), parametrised by chord length.
+
+    Its third derivative is continuous at the second knot and at the last but one ("not a knot": de
+    Boor, A Practical Guide to Splines, chapter IV). So it is a straight line through two knots and
+    a parabola through three. A joint vector that is the one before it again is no knot.
+    """
+    batch, (count, _) = q.shape[:-2], q.shape[-2:]
+    if count == 1:
+        return Spline(jnp.ones(q.shape[:-1], q.dtype), q, jnp.zeros_like(q), jnp.zeros(batch, q.dtype))
+    q, last = _without_repeats(q)
+    chords = norm(q[..., 1:, :] - q[..., :-1, :])
+    length = jnp.sum(chords, axis=-1)
+    share = chords / jnp.where(length > 0, length, 1.0)[..., None]
+    knots = jnp.concatenate([jnp.zeros_like(share[..., :1]), jnp.cumsum(share, axis=-1)], axis=-1)
+    # Rounding does not keep the end from being 1.
+    here = jnp.arange(count)
+    knots = jnp.where(here >= last[..., None], 1.0, knots)
+    return Spline(knots, q, _bends(knots, q, last), length)
+
+
+def place_at(spline: Spline, s: jax.Array) -> Place:
+    """A path at shares (..., m) of its length, held within [0, 1]."""
+    s = jnp.clip(s, 0.0, 1.0)
+    knots, q, bend = spline.knots, spline.q, spline.bend
+    if knots.shape[-1] == 1:
+        still = jnp.broadcast_to(q, (*s.shape, q.shape[-1]))
+        return Place(still, *(jnp.zeros_like(still),) * 3)
+    first = jnp.clip(_interval(knots, s), 0, knots.shape[-1] - 2)
+
+    def of(array: jax.Array, index: jax.Array) -> jax.Array:
+        return jnp.take_along_axis(array, index[..., None], axis=-2)
+
+    start, end = (jnp.take_along_axis(knots, i, axis=-1) for i in (first, first + 1))
+    h = end - start
+    moves = h > 0
+    h = jnp.where(moves, h, 1.0)[..., None]
+    v = jnp.where(moves, jnp.clip(s - start, 0.0, end - start), 0.0)[..., None] / h
+    u = 1.0 - v
+    (q0, q1), (m0, m1) = ((of(x, first), of(x, first + 1)) for x in (q, bend))
+    m0, m1 = (m * h * h for m in (m0, m1))
+    return Place(
+        u * q0 + v * q1 - u * v * ((1.0 + u) * m0 + (1.0 + v) * m1) / 6.0,
+        (q1 - q0 - (3.0 * u * u - 1.0) * m0 / 6.0 + (3.0 * v * v - 1.0) * m1 / 6.0) / h,
+        (u * m0 + v * m1) / h**2,
+        (m1 - m0) / h**3,
+    )
+
+
+def _interval(knots: jax.Array, s: jax.Array) -> jax.Array:
+    """The interval (..., m) that each s ends or lies in, by knots (..., k): never one of no length."""
+    batch = knots.shape[:-1]
+    rows = jax.vmap(lambda k, x: jnp.searchsorted(k, x, side="left") - 1)(
+        knots.reshape(-1, knots.shape[-1]),
+        jnp.broadcast_to(s, (*batch, s.shape[-1])).reshape(-1, s.shape[-1]),
+    )
+    return rows.reshape(*batch, s.shape[-1])
+
+
+def root(square: jax.Array) -> jax.Array:
+    """The square root, whose derivative at zero is zero."""
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+
+
+def norm(vector: jax.Array) -> jax.Array:
+    """The length of vectors (..., n), whose derivative at zero is zero."""
+    return root(jnp.sum(vector * vector, axis=-1))
+
+
+def _without_repeats(q: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Joint vectors that differ in front, the last of them up to the end; and the place of that."""
+    steps = norm(q[..., 1:, :] - q[..., :-1, :])
+    whole = jnp.sum(steps, axis=-1, keepdims=True)
+    new = steps > SAME_WAYPOINT.of(q.dtype) * whole
+    keep = jnp.concatenate([jnp.ones_like(new[..., :1]), new], axis=-1)
+    order = jnp.argsort(~keep, axis=-1, stable=True)
+    last = jnp.sum(new, axis=-1)
+    order = jnp.take_along_axis(
+        order, jnp.minimum(jnp.arange(q.shape[-2]), last[..., None]), axis=-1
+    )
+    return jnp.take_along_axis(q, order[..., None], axis=-2), last
+
+
+def _bends(knots: jax.Array, q: jax.Array, last: jax.Array) -> jax.Array:
+    """Second derivatives (..., k, n) at knots, of which `last` (...,) is the last."""
+    count = q.shape[-2]
+    if count == 2:
+        return jnp.zeros_like(q)
+    h = knots[..., 1:] - knots[..., :-1]
+    safe = jnp.where(h > 0, h, 1.0)[..., None]
+    slope = (q[..., 1:, :] - q[..., :-1, :]) / safe
+    before, after = h[..., :-1], h[..., 1:]
+    # One row for each knot but the first and the last of the array.
+    here = jnp.arange(1, count - 1)
+    end = last[..., None]
+    inner = here < end
+    first, final = here == 1, here == end - 1
+    only = first & final
+    ratio = jnp.where(inner, before, 1.0) / jnp.where(inner, after, 1.0)
+    # The bends at both ends are those that the next two knots make linear.
+    diagonal = (
+        2.0 * (before + after)
+        + jnp.where(first & ~only, before * (1.0 + ratio), 0.0)
+        + jnp.where(final & ~only, after * (1.0 + 1.0 / ratio), 0.0)
+        + jnp.where(only, before + after, 0.0)
+    )
+    upper = jnp.where(final, 0.0, after - jnp.where(first, before * ratio, 0.0))
+    lower = jnp.where(first, 0.0, before - jnp.where(final, after / ratio, 0.0))
+    diagonal = jnp.where(inner, diagonal, 1.0)
+    upper, lower = (jnp.where(inner, x, 0.0) for x in (upper, lower))
+    right = jnp.where(inner[..., None], 6.0 * (slope[..., 1:, :] - slope[..., :-1, :]), 0.0)
+    m = _tridiagonal(lower, diagonal, upper, right)
+    # Back to all knots.
+    none = jnp.zeros_like(q[..., :1, :])
+    m = jnp.concatenate([none, m, none], axis=-2)
+
+    def beyond(near: jax.Array, far: jax.Array, h0: jax.Array, h1: jax.Array) -> jax.Array:
+        """The bend at an end from those of the next two knots, h0 and h0 + h1 away."""
+        share = (h0 / jnp.where(h1 > 0, h1, 1.0))[..., None]
+        return near + share * (near - far)
+
+    many, three = (last > 2)[..., None], (last == 2)[..., None]
+    start = jnp.where(many, beyond(m[..., 1, :], m[..., 2, :], h[..., 0], h[..., 1]), 0.0)
+    start = jnp.where(three, m[..., 1, :], start)
+
+    def picked(array: jax.Array, back: int) -> jax.Array:
+        index = jnp.maximum(last - back, 0)[..., None]
+        return jnp.take_along_axis(array, index[..., None], axis=-2)[..., 0, :]
+
+    widths = h[..., None]
+    h0, h1 = (picked(widths, back)[..., 0] for back in (1, 2))
+    finish = jnp.where(many, beyond(picked(m, 1), picked(m, 2), h0, h1), 0.0)
+    finish = jnp.where(three, m[..., 1, :], finish)
+    here = jnp.arange(count)[:, None]
+    m = jnp.where(here == 0, start[..., None, :], m)
+    return jnp.where(here == last[..., None, None], finish[..., None, :], m)
+
+
+def _tridiagonal(
+    lower: jax.Array, diagonal: jax.Array, upper: jax.Array, right: jax.Array
+) -> jax.Array:
+    """The solution (..., k, n) of rows lower x_-1 + diagonal x + upper x_+1 = right."""
+    batch, (count, n) = right.shape[:-2], right.shape[-2:]
+    rows = (x.reshape(-1, count) for x in (lower, diagonal, upper))
+    solve = jax.vmap(jax.lax.linalg.tridiagonal_solve)
+    return solve(*rows, right.reshape(-1, count, n)).reshape(*batch, count, n)
