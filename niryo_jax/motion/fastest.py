@@ -25,17 +25,14 @@ class Rows(NamedTuple):
     """Bounds |p u + c x| <= 1 of intervals, of which x and u are those of the start.
 
     Attributes:
-        p: (..., intervals, rows), 0 or more.
-        c: (..., intervals, rows).
+        p, c: (intervals, rows, paths), of which p is 0 or more.
     """
 
     p: jax.Array
     c: jax.Array
 
 
-def squared_rates(
-    slope: jax.Array, bend: jax.Array, most: jax.Array, step: float
-) -> jax.Array:
+def squared_rates(slope: jax.Array, bend: jax.Array, most: jax.Array, step: float) -> jax.Array:
     """The largest x = (ds/dt)^2 at equally spaced nodes of which the first and the last are rest.
 
     Args:
@@ -49,13 +46,14 @@ def squared_rates(
     """
     batch, intervals = slope.shape[:-3], slope.shape[-3]
     ahead = step * jnp.linspace(0.0, 2.0, CHECKED, dtype=slope.dtype)[:, None]
-    shape = (*batch, intervals, CHECKED * slope.shape[-1])
-    p, c = (slope + ahead * bend).reshape(shape), bend.reshape(shape)
+    p, c = slope + ahead * bend, bend
     rows = Rows(jnp.abs(p), jnp.where(p < 0, -c, c))
-    most = jnp.minimum(most, _HUGE)
-    along = Rows(*(jnp.moveaxis(x, -2, 0) for x in rows))
-    bounds = jnp.moveaxis(most, -1, 0)
-    rest = jnp.zeros(batch, slope.dtype)
+    # Along the path first, then the rows, paths last: one loop over all paths for each row.
+    along = Rows(
+        *(x.reshape(-1, intervals, CHECKED * x.shape[-1]).transpose(1, 2, 0) for x in rows)
+    )
+    bounds = jnp.minimum(most, _HUGE).reshape(-1, intervals + 1).T
+    rest = jnp.zeros_like(bounds[0])
 
     def back(after: jax.Array, given: tuple[Rows, jax.Array]) -> tuple[jax.Array, jax.Array]:
         rows, bound = given
@@ -65,33 +63,32 @@ def squared_rates(
     def forth(before: jax.Array, given: tuple[Rows, jax.Array]) -> tuple[jax.Array, jax.Array]:
         rows, after = given
         pushes = rows.p > 0
-        room = (1.0 - rows.c * before[..., None]) / jnp.where(pushes, rows.p, 1.0)
-        u = jnp.min(jnp.where(pushes, room, jnp.inf), axis=-1)
+        room = (1.0 - rows.c * before) / jnp.where(pushes, rows.p, 1.0)
+        u = jnp.min(jnp.where(pushes, room, jnp.inf), axis=0)
         here = jnp.maximum(jnp.minimum(before + 2.0 * step * u, after), 0.0)
         return here, here
 
     _, possible = jax.lax.scan(back, rest, (along, bounds[:-1]), reverse=True)
     possible = jnp.concatenate([possible[1:], rest[None]])
     _, x = jax.lax.scan(forth, rest, (along, possible))
-    return jnp.moveaxis(jnp.concatenate([rest[None], x]), 0, -1)
+    return jnp.concatenate([rest[None], x]).T.reshape(*batch, intervals + 1)
 
 
-def _largest_start(rows: Rows, after: jax.Array, step: jax.Array | float) -> jax.Array:
-    """The largest x (...,) from which some u keeps all rows and 0 <= x + step u <= after.
+def _largest_start(rows: Rows, after: jax.Array, step: float) -> jax.Array:
+    """The largest x (paths,) from which some u keeps all rows and 0 <= x + step u <= after.
 
     Each row bounds u from below and from above by lines in x; there is a u where each bound from
     below is below each from above (Fourier and Motzkin). Multiplied out, nothing is divided by p.
     """
-    batch = after.shape
-    next_p = jnp.full((*batch, 1), step, rows.p.dtype)
-    p = jnp.concatenate([rows.p, next_p], axis=-1)
-    c = jnp.concatenate([rows.c, jnp.ones_like(next_p)], axis=-1)
+    next_p = jnp.full_like(after, step)[None]
+    p = jnp.concatenate([rows.p, next_p])
+    c = jnp.concatenate([rows.c, jnp.ones_like(next_p)])
     ones = jnp.ones_like(rows.p)
-    above = jnp.concatenate([ones, after[..., None]], axis=-1)
-    below = jnp.concatenate([ones, jnp.zeros_like(next_p)], axis=-1)
-    # [..., l, m]: the lower bound of row l is at most the upper bound of row m.
-    factor = p[..., :, None] * c[..., None, :] - p[..., None, :] * c[..., :, None]
-    right = p[..., :, None] * above[..., None, :] + p[..., None, :] * below[..., :, None]
+    above = jnp.concatenate([ones, after[None]])
+    below = jnp.concatenate([ones, jnp.zeros_like(next_p)])
+    # [l, m]: the lower bound of row l is at most the upper bound of row m.
+    factor = p[:, None] * c - p * c[:, None]
+    right = p[:, None] * above + p * below[:, None]
     binds = factor > 0
     bound = jnp.where(binds, right / jnp.where(binds, factor, 1.0), jnp.inf)
-    return jnp.min(bound, axis=(-2, -1))
+    return jnp.min(bound, axis=(0, 1))

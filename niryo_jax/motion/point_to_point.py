@@ -129,7 +129,13 @@ def _shortest(
         any_moves = jnp.any(moves, axis=-1, keepdims=True)
         least = jax.tree.map(lambda most: jnp.where(any_moves, most, 1.0), least)
         shape = shape_of(profile, jnp.where(any_moves, 1.0, 0.0).astype(length.dtype), least)
-        scale = (length, jnp.ones_like(length), jnp.ones_like(length), jnp.ones_like(length), length)
+        scale = (
+            length,
+            jnp.ones_like(length),
+            jnp.ones_like(length),
+            jnp.ones_like(length),
+            length,
+        )
         shape = Shape(*(part * by for part, by in zip(shape, scale)))
     else:
         shape = shape_of(profile, length, limits)

@@ -3,30 +3,34 @@
 from __future__ import annotations
 
 import functools
+import math
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.typing import ArrayLike
 
 from niryo_jax._jax import is_concrete
-from niryo_jax.arguments import check_choice, check_finite, check_fits, is_known
+from niryo_jax.arguments import check_choice, check_fits
+from niryo_jax.execution.compaction import at_once
+from niryo_jax.execution.padding import cut_rows, padded_rows
 from niryo_jax.jacobian import body_jacobian
-from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.motion.best_path import BestPath
 from niryo_jax.motion.fastest import CHECKED, squared_rates
 from niryo_jax.motion.limits import CartesianLimits, MotionLimits, as_arrays, check_limits_of
+from niryo_jax.motion.path_checks import as_samples, check_arm, check_between, check_samples
 from niryo_jax.motion.spline import Place, Spline, norm, place_at, root, spline_through
 from niryo_jax.motion.time_scaling import TimeScaling, quintic
 from niryo_jax.motion.timed_path import Method, TimedPath
-from niryo_jax.robot import Robot, check_is_robot
-from niryo_jax.tolerances import LIMIT_ROUNDING, PATH_LIMITS
+from niryo_jax.robot import Robot
 
-INTERVALS = 1024
+INTERVALS = 4096
 """Between equally spaced nodes of a path, unless it has more than half as many samples."""
 
 _FINER = 4
 """So many places of each interval are looked at afterwards."""
+
+_ON_A_CORE, _ON_ACCELERATOR = 4, 256
+"""Paths that are timed at a time: what is looked at takes megabytes a path."""
 
 _LEAST = 1e-7
 """Where joints move by less than this share of the most, velocities do not bound the path."""
@@ -47,8 +51,7 @@ def retime(
     between them in joint space; the spline is twice continuously differentiable, and samples that
     repeat the one before are left out. What is found keeps all limits at `_FINER` places of each
     interval, to rounding: where the discrete optimum passes one between its nodes, time is
-    stretched by as much. In between, limits are kept to 0.1 % (docs/motion.md has what was
-    measured).
+    stretched by as much. In between, accelerations pass by 0.1 % at most (docs/motion.md).
 
     Args:
         path: (..., k, n) joint vectors, radians (metres for prismatic joints), in the order of the
@@ -59,7 +62,7 @@ def retime(
         method: "fastest": time-optimal, with accelerations that jump (`motion.fastest`). "quintic":
             `quintic_time_scaling` along the whole path, in the shortest time that the limits allow:
             smooth, and longer.
-        intervals: into how many the path is cut; 1,024 where not given, or the first power of two
+        intervals: into how many the path is cut; 4,096 where not given, or the first power of two
             that is at least twice the number of samples.
 
     Returns:
@@ -71,98 +74,44 @@ def retime(
             of the tool without an arm; an unknown method.
         TypeError: no arrays of numbers, no limits, no arm.
     """
-    q = _samples(path)
+    q = as_samples(path)
     count, n = q.shape[-2:]
     limits = as_arrays(check_limits_of(limits, n), q.dtype)
     check_choice("method", method, ("fastest", "quintic"))
     if intervals is None:
         intervals = max(INTERVALS, 1 << (2 * count - 1).bit_length())
-    most = check_fits("intervals", intervals, 8, 16 * (_FINER + 1) * q.size / max(count, 1))
-    _check_arm(robot, cartesian, n)
+    paths = math.prod(q.shape[:-2])
+    numbers = 4 * paths + 8 * _FINER * min(paths, _ON_ACCELERATOR) * n
+    most = check_fits("intervals", intervals, 8, numbers)
+    check_arm(robot, cartesian, n)
     if robot is not None:
-        _check_samples(robot, q)
-    # Few programs: as many samples as a power of two, the last of them repeated.
-    size = 1 << (count - 1).bit_length()
-    last = jnp.broadcast_to(q[..., -1:, :], (*q.shape[:-2], size - count, n))
-    spline = spline_through(jnp.concatenate([q, last], axis=-2))
-    share = jnp.linspace(0.0, 1.0, _FINER * most + 1, dtype=q.dtype)
-    law = quintic(share) if method == "quintic" else None
-    s = jnp.broadcast_to(share if law is None else law.s, (*q.shape[:-2], len(share)))
-    place = _places(spline, s)
-    if robot is not None:
-        _check_between(robot, q, s, place.q)
-    fastest = _most_rate(limits, cartesian, place, _tool_rates(robot, cartesian, place))
-    if law is not None:
-        return _smooth(spline, place, law, limits, fastest)
-    return _fast(spline, place, limits, fastest)
+        check_samples(robot, q)
+    batch = q.shape[:-2]
+    block = min(paths, at_once(_ON_A_CORE, _ON_ACCELERATOR)) if is_concrete(q) else paths
+    # Few programs: as many samples as a power of two, the last of them repeated, and full blocks.
+    size = max(2, 1 << (count - 1).bit_length())
+    last = jnp.broadcast_to(q[..., -1:, :], (*batch, size - count, n))
+    rows = jnp.concatenate([q, last], axis=-2)
+    rows = padded_rows(rows, len(batch), -(-paths // max(block, 1)) * block, mode="edge")
+    timed: list[TimedPath] = []
+    for first in range(0, max(len(rows), 1), max(block, 1)):
+        spline = spline_through(rows[first : first + block])
+        share = jnp.linspace(0.0, 1.0, _FINER * most + 1, dtype=q.dtype)
+        law = quintic(share) if method == "quintic" else None
+        s = jnp.broadcast_to(share if law is None else law.s, (block, len(share)))
+        place = _places(spline, s)
+        if robot is not None:
+            check_between(robot, rows[first : first + block], s, place.q, first, batch)
+        fastest = _most_rate(limits, cartesian, place, _tool_rates(robot, cartesian, place))
+        timed.append(
+            _fast(spline, place, limits, fastest)
+            if law is None
+            else _smooth(spline, place, law, limits, fastest)
+        )
+    return jax.tree.map(lambda *parts: cut_rows(jnp.concatenate(parts), batch), *timed)
 
 
 _places = jax.jit(place_at)
-
-
-def _samples(path: ArrayLike | BestPath) -> jax.Array:
-    if isinstance(path, BestPath):
-        if not np.all(path.ok):
-            raise ValueError(f"path: expected one that is done, got: {path.message}")
-        path = path.q
-    q = as_floating("path", path)
-    check_shape("path", q, (-1, -1))
-    if not q.shape[-2]:
-        raise ValueError(f"path: expected one sample or more, got shape {q.shape}")
-    check_finite("path", q)
-    return q
-
-
-def _check_arm(robot: object, cartesian: object, joints: int) -> None:
-    if robot is not None:
-        check_is_robot(robot)
-        if robot.joints != joints:
-            raise ValueError(f"path: expected {robot.joints} joints, got {joints}")
-    if not isinstance(cartesian, CartesianLimits | None):
-        raise TypeError(f"cartesian: expected CartesianLimits, got {type(cartesian).__name__}")
-    if cartesian is not None and robot is None:
-        raise ValueError("cartesian: expected a robot as well, whose tool is bounded")
-
-
-def _check_samples(robot: Robot, q: jax.Array) -> None:
-    """Raise a ValueError that names the first sample beyond the limits of a joint."""
-    first = _first_beyond(robot, q, LIMIT_ROUNDING.of(q.dtype))
-    if first is not None:
-        *_, sample, _ = first
-        raise ValueError(f"path: sample {sample}{_words(robot, q, first)}")
-
-
-def _check_between(robot: Robot, q: jax.Array, s: jax.Array, fine: jax.Array) -> None:
-    """The same of the path through the samples, at shares s of its length."""
-    first = _first_beyond(robot, fine, PATH_LIMITS.of(q.dtype))
-    if first is not None:
-        *batch, place, _ = first
-        chords = np.linalg.norm(np.diff(np.asarray(q)[tuple(batch)], axis=0), axis=-1)
-        done = np.cumsum(chords) / np.sum(chords)
-        before = int(np.searchsorted(done, float(s[(*batch, place)])))
-        raise ValueError(
-            f"path: between samples {before} and {before + 1} the spline"
-            f"{_words(robot, fine, first)}; closer samples keep it nearer to them"
-        )
-
-
-def _first_beyond(robot: Robot, q: jax.Array, tolerance: float) -> tuple[int, ...] | None:
-    if not (is_known(q) and is_concrete(robot.lower, robot.upper)):
-        return None
-    numbers, lower, upper = (np.asarray(x) for x in (q, robot.lower, robot.upper))
-    # Not a number is refused by itself.
-    beyond = np.argwhere((numbers < lower - tolerance) | (numbers > upper + tolerance))
-    return tuple(beyond[0].tolist()) if len(beyond) else None
-
-
-def _words(robot: Robot, q: jax.Array, first: tuple[int, ...]) -> str:
-    *batch, _, joint = first
-    of = f" of path {tuple(batch)}" if batch else ""
-    low, high = (float(np.asarray(x)[joint]) for x in (robot.lower, robot.upper))
-    return (
-        f"{of} leaves the limits of {robot.joint_names[joint]}, {low:.4f} to {high:.4f}: "
-        f"{float(q[first]):.4f}"
-    )
 
 
 def _tool_rates(
@@ -194,9 +143,7 @@ def _most_rate(
 
 
 @jax.jit
-def _fast(
-    spline: Spline, place: Place, limits: MotionLimits, fastest: jax.Array
-) -> TimedPath:
+def _fast(spline: Spline, place: Place, limits: MotionLimits, fastest: jax.Array) -> TimedPath:
     """The method "fastest", of places at `_FINER` parts of each interval."""
     nodes = fastest.shape[-1] // _FINER + 1
     step = 1.0 / (nodes - 1)
@@ -248,7 +195,9 @@ def _smooth(
     if limits.jerk is not None:
         jolt = place.slope * third + 3.0 * place.bend * first * second + place.third * first**3
         cube = worst(jnp.abs(jolt) / limits.jerk)
-        duration = jnp.maximum(duration, jnp.where(cube > 0, jnp.cbrt(jnp.where(cube > 0, cube, 1.0)), 0.0))
+        duration = jnp.maximum(
+            duration, jnp.where(cube > 0, jnp.cbrt(jnp.where(cube > 0, cube, 1.0)), 0.0)
+        )
     duration = jnp.where(spline.length > 0, duration, 0.0)
     ends = jnp.stack([jnp.zeros_like(duration), jnp.ones_like(duration)], axis=-1)
     return TimedPath(spline, ends * duration[..., None], ends, jnp.zeros_like(ends), "quintic")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import functools
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from niryo_jax.tolerances import SAME_WAYPOINT
 
@@ -49,7 +51,9 @@ def spline_through(q: jax.Array) -> Spline:
     """
     batch, (count, _) = q.shape[:-2], q.shape[-2:]
     if count == 1:
-        return Spline(jnp.ones(q.shape[:-1], q.dtype), q, jnp.zeros_like(q), jnp.zeros(batch, q.dtype))
+        return Spline(
+            jnp.ones(q.shape[:-1], q.dtype), q, jnp.zeros_like(q), jnp.zeros(batch, q.dtype)
+        )
     q, last = _without_repeats(q)
     chords = norm(q[..., 1:, :] - q[..., :-1, :])
     length = jnp.sum(chords, axis=-1)
@@ -63,23 +67,28 @@ def spline_through(q: jax.Array) -> Spline:
 
 def place_at(spline: Spline, s: jax.Array) -> Place:
     """A path at shares (..., m) of its length, held within [0, 1]."""
-    s = jnp.clip(s, 0.0, 1.0)
     knots, q, bend = spline.knots, spline.q, spline.bend
+    s = jnp.clip(jnp.broadcast_to(s, (*knots.shape[:-1], s.shape[-1])), 0.0, 1.0)
     if knots.shape[-1] == 1:
         still = jnp.broadcast_to(q, (*s.shape, q.shape[-1]))
         return Place(still, *(jnp.zeros_like(still),) * 3)
-    first = jnp.clip(_interval(knots, s), 0, knots.shape[-1] - 2)
-
-    def of(array: jax.Array, index: jax.Array) -> jax.Array:
-        return jnp.take_along_axis(array, index[..., None], axis=-2)
-
-    start, end = (jnp.take_along_axis(knots, i, axis=-1) for i in (first, first + 1))
+    # All that is known of an interval in one row: one look-up for each place.
+    pieces = [knots[..., None], q, bend]
+    table = jnp.concatenate(
+        [x[..., i : x.shape[-2] - 1 + i, :] for i in (0, 1) for x in pieces], -1
+    )
+    # From the left, so that the end belongs to an interval of some length.
+    row = jnp.clip(before(knots, s, "left"), 0, table.shape[-2] - 1)
+    n = q.shape[-1]
+    start, q0, m0, end, q1, m1 = jnp.split(
+        looked_up(table, row), np.cumsum([1, n, n, 1, n]).tolist(), axis=-1
+    )
+    start, end = start[..., 0], end[..., 0]
     h = end - start
     moves = h > 0
     h = jnp.where(moves, h, 1.0)[..., None]
     v = jnp.where(moves, jnp.clip(s - start, 0.0, end - start), 0.0)[..., None] / h
     u = 1.0 - v
-    (q0, q1), (m0, m1) = ((of(x, first), of(x, first + 1)) for x in (q, bend))
     m0, m1 = (m * h * h for m in (m0, m1))
     return Place(
         u * q0 + v * q1 - u * v * ((1.0 + u) * m0 + (1.0 + v) * m1) / 6.0,
@@ -89,14 +98,21 @@ def place_at(spline: Spline, s: jax.Array) -> Place:
     )
 
 
-def _interval(knots: jax.Array, s: jax.Array) -> jax.Array:
-    """The interval (..., m) that each s ends or lies in, by knots (..., k): never one of no length."""
-    batch = knots.shape[:-1]
-    rows = jax.vmap(lambda k, x: jnp.searchsorted(k, x, side="left") - 1)(
-        knots.reshape(-1, knots.shape[-1]),
-        jnp.broadcast_to(s, (*batch, s.shape[-1])).reshape(-1, s.shape[-1]),
+def looked_up(table: jax.Array, row: jax.Array) -> jax.Array:
+    """Rows (..., m) of tables (..., k, n): (..., m, n)."""
+    found = jax.vmap(lambda one, i: one[i])(
+        table.reshape(-1, *table.shape[-2:]), row.reshape(-1, row.shape[-1])
     )
-    return rows.reshape(*batch, s.shape[-1])
+    return found.reshape(*row.shape, table.shape[-1])
+
+
+def before(rising: jax.Array, values: jax.Array, side: Literal["left", "right"]) -> jax.Array:
+    """The place (..., m) in rising numbers (..., k) before each value; -1 where there is none."""
+    search = functools.partial(jnp.searchsorted, side=side, method="scan_unrolled")
+    found = jax.vmap(search)(
+        rising.reshape(-1, rising.shape[-1]), values.reshape(-1, values.shape[-1])
+    )
+    return found.reshape(values.shape) - 1
 
 
 def root(square: jax.Array) -> jax.Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from typing import Literal
 
 import jax
@@ -12,7 +11,7 @@ from jax.typing import ArrayLike
 
 from niryo_jax.lanes.batching import as_floating, broadcast_batch, check_shape
 from niryo_jax.motion.paths import JointTrajectory
-from niryo_jax.motion.spline import Spline, place_at
+from niryo_jax.motion.spline import Spline, before, looked_up, place_at
 from niryo_jax.motion.time_scaling import quintic
 from niryo_jax.motion.times import every_step
 
@@ -74,19 +73,15 @@ class TimedPath:
 @jax.jit
 def _at(path: TimedPath, t: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     times = path.time
-    batch, count = times.shape[:-1], times.shape[-1]
-    rows = jax.vmap(functools.partial(jnp.searchsorted, side="right"))(
-        times.reshape(-1, count), t.reshape(-1, t.shape[-1])
-    ).reshape(*batch, t.shape[-1])
-    first = jnp.clip(rows - 1, 0, count - 2)
-
-    def of(array: jax.Array, index: jax.Array) -> jax.Array:
-        return jnp.take_along_axis(array, index, axis=-1)
-
-    start, whole = of(times, first), of(times, first + 1) - of(times, first)
+    pieces = (times, path.s, path.rate)
+    table = jnp.stack(
+        [x[..., i : times.shape[-1] - 1 + i] for i in (0, 1) for x in pieces], axis=-1
+    )
+    row = jnp.clip(before(times, t, "right"), 0, table.shape[-2] - 1)
+    start, s0, r0, end, s1, r1 = jnp.moveaxis(looked_up(table, row), -1, 0)
+    whole = end - start
     moves = whole > 0
     whole = jnp.where(moves, whole, 1.0)
-    s0, s1, r0, r1 = (of(x, i) for x in (path.s, path.rate) for i in (first, first + 1))
     inside = moves & (t > 0) & (t < path.duration[..., None])
     past = jnp.where(inside, t - start, 0.0)
     if path.method == "quintic":
@@ -99,5 +94,4 @@ def _at(path: TimedPath, t: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]
     s = jnp.where(inside, s, jnp.where(t > 0, 1.0, 0.0))
     rate, acceleration = (jnp.where(inside, x, 0.0)[..., None] for x in (rate, acceleration))
     place = place_at(path.spline, s)
-    q = jnp.where((t > 0)[..., None] | inside[..., None], place.q, path.spline.q[..., :1, :])
-    return q, place.slope * rate, place.slope * acceleration + place.bend * rate**2
+    return place.q, place.slope * rate, place.slope * acceleration + place.bend * rate**2
