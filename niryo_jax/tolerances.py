@@ -184,3 +184,7 @@ SAME_WAYPOINT = ByDtype(1e-9, 1e-5)
 PATH_LIMITS = ByDtype(1e-6, 1e-4)
 """A path may pass a joint limit by less than this between its samples (radians, metres): a spline
 through samples at the limit does."""
+
+ARC_SINE = ByDtype(1e-6, 1e-3)
+"""Three points are on a line where the sine of the angle at the first is below this: farther off,
+the radius of the circle through them is lost in rounding."""

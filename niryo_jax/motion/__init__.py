@@ -4,6 +4,7 @@ Lynch & Park, *Modern Robotics*, sections 9.1 and 9.2.
 """
 
 from niryo_jax.motion.best_path import BestPath, best_path
+from niryo_jax.motion.curves import arc, blend
 from niryo_jax.motion.limits import CartesianLimits, MotionLimits, niryo_limits
 from niryo_jax.motion.paths import (
     JointTrajectory,
@@ -28,7 +29,9 @@ __all__ = [
     "PoseTrajectory",
     "TimeScaling",
     "TimedPath",
+    "arc",
     "best_path",
+    "blend",
     "cartesian_trajectory",
     "cubic_time_scaling",
     "joint_trajectory",

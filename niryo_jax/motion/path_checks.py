@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import numpy as np
 from jax.typing import ArrayLike
@@ -34,7 +36,7 @@ def as_samples(path: ArrayLike | BestPath) -> jax.Array:
     return q
 
 
-def check_arm(robot: object, cartesian: object, joints: int) -> None:
+def check_arm(robot: Robot | None, cartesian: Any, joints: int) -> None:
     """Raise an error unless both are None, or an arm of so many joints and limits of its tool."""
     if robot is not None:
         check_is_robot(robot)

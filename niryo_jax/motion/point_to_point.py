@@ -128,15 +128,9 @@ def _shortest(
         )
         any_moves = jnp.any(moves, axis=-1, keepdims=True)
         least = jax.tree.map(lambda most: jnp.where(any_moves, most, 1.0), least)
-        shape = shape_of(profile, jnp.where(any_moves, 1.0, 0.0).astype(length.dtype), least)
-        scale = (
-            length,
-            jnp.ones_like(length),
-            jnp.ones_like(length),
-            jnp.ones_like(length),
-            length,
-        )
-        shape = Shape(*(part * by for part, by in zip(shape, scale)))
+        one = shape_of(profile, jnp.where(any_moves, jnp.ones_like(share[..., :1]), 0.0), least)
+        times = (jnp.broadcast_to(x, length.shape) for x in (one.duration, one.rise, one.hold))
+        shape = Shape(length, *times, one.top * length)
     else:
         shape = shape_of(profile, length, limits)
     duration = jnp.max(shape.duration, axis=-1, initial=0.0)

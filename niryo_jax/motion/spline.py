@@ -43,24 +43,19 @@ class Place(NamedTuple):
 
 @jax.jit
 def spline_through(q: jax.Array) -> Spline:
-    """The cubic spline through joint vectors (..., k, n), parametrised by chord length.
+    """The cubic spline through two or more joint vectors (..., k, n), by chord length.
 
     Its third derivative is continuous at the second knot and at the last but one ("not a knot": de
     Boor, A Practical Guide to Splines, chapter IV). So it is a straight line through two knots and
     a parabola through three. A joint vector that is the one before it again is no knot.
     """
-    batch, (count, _) = q.shape[:-2], q.shape[-2:]
-    if count == 1:
-        return Spline(
-            jnp.ones(q.shape[:-1], q.dtype), q, jnp.zeros_like(q), jnp.zeros(batch, q.dtype)
-        )
     q, last = _without_repeats(q)
     chords = norm(q[..., 1:, :] - q[..., :-1, :])
     length = jnp.sum(chords, axis=-1)
     share = chords / jnp.where(length > 0, length, 1.0)[..., None]
     knots = jnp.concatenate([jnp.zeros_like(share[..., :1]), jnp.cumsum(share, axis=-1)], axis=-1)
     # Rounding does not keep the end from being 1.
-    here = jnp.arange(count)
+    here = jnp.arange(q.shape[-2])
     knots = jnp.where(here >= last[..., None], 1.0, knots)
     return Spline(knots, q, _bends(knots, q, last), length)
 
@@ -69,9 +64,6 @@ def place_at(spline: Spline, s: jax.Array) -> Place:
     """A path at shares (..., m) of its length, held within [0, 1]."""
     knots, q, bend = spline.knots, spline.q, spline.bend
     s = jnp.clip(jnp.broadcast_to(s, (*knots.shape[:-1], s.shape[-1])), 0.0, 1.0)
-    if knots.shape[-1] == 1:
-        still = jnp.broadcast_to(q, (*s.shape, q.shape[-1]))
-        return Place(still, *(jnp.zeros_like(still),) * 3)
     # All that is known of an interval in one row: one look-up for each place.
     pieces = [knots[..., None], q, bend]
     table = jnp.concatenate(
@@ -199,7 +191,7 @@ def _tridiagonal(
     lower: jax.Array, diagonal: jax.Array, upper: jax.Array, right: jax.Array
 ) -> jax.Array:
     """The solution (..., k, n) of rows lower x_-1 + diagonal x + upper x_+1 = right."""
-    batch, (count, n) = right.shape[:-2], right.shape[-2:]
-    rows = (x.reshape(-1, count) for x in (lower, diagonal, upper))
+    *batch, count, n = right.shape
+    lower, diagonal, upper = (x.reshape(-1, count) for x in (lower, diagonal, upper))
     solve = jax.vmap(jax.lax.linalg.tridiagonal_solve)
-    return solve(*rows, right.reshape(-1, count, n)).reshape(*batch, count, n)
+    return solve(lower, diagonal, upper, right.reshape(-1, count, n)).reshape(*batch, count, n)
