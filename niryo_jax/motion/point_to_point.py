@@ -129,8 +129,8 @@ def _shortest(
         any_moves = jnp.any(moves, axis=-1, keepdims=True)
         least = jax.tree.map(lambda most: jnp.where(any_moves, most, 1.0), least)
         one = shape_of(profile, jnp.where(any_moves, jnp.ones_like(share[..., :1]), 0.0), least)
-        times = (jnp.broadcast_to(x, length.shape) for x in (one.duration, one.rise, one.hold))
-        shape = Shape(length, *times, one.top * length)
+        duration, rise, hold = (jnp.broadcast_to(x, length.shape) for x in one[1:4])
+        shape = Shape(length, duration, rise, hold, one.top * length)
     else:
         shape = shape_of(profile, length, limits)
     duration = jnp.max(shape.duration, axis=-1, initial=0.0)
