@@ -58,6 +58,11 @@ def timed(seed, method, count=6):
     return motion.retime(waypoints(seed, count), LIMITS, method=method)
 
 
+def numbers(trajectory):
+    """The same in numpy."""
+    return motion.JointTrajectory(*map(np.asarray, trajectory))
+
+
 def shares(trajectory, limits=LIMITS):
     """The largest velocity and acceleration of any joint, as shares of their limits."""
     return [
@@ -276,9 +281,9 @@ def test_equal_steps_go_to_the_end_of_the_longest(ends):
     np.testing.assert_allclose(np.diff(found.time), 0.01, rtol=1e-9)
     assert found.time[-2] < np.max(moves.duration) <= found.time[-1] + 1e-8
     np.testing.assert_array_equal(found.q[:, -1], end)
-    with pytest.raises(TypeError, match="^every: expected a concrete duration"):
+    with pytest.raises(TypeError, match=r"^every: expected a concrete duration"):
         jax.jit(lambda q: motion.point_to_point(q, q + 1, LIMITS).every(0.1).q)(start)
-    with pytest.raises(ValueError, match="^step: expected a positive number"):
+    with pytest.raises(ValueError, match=r"^step: expected a positive number"):
         moves.every(0.0)
 
 
@@ -307,7 +312,6 @@ def test_bad_moves_are_refused_by_name(options, error, message):
 
 def test_splines_are_those_of_scipy_and_repeats_do_not_matter():
     interpolate = pytest.importorskip("scipy.interpolate")
-    rng = np.random.default_rng(3)
     s = np.linspace(0, 1, 301)
     q = np.stack([np.concatenate([waypoints(i, k), np.tile(0.0, (9 - k, 6))]) for i, k in SIZES])
     for i, (_, k) in enumerate(SIZES):
@@ -325,7 +329,6 @@ def test_splines_are_those_of_scipy_and_repeats_do_not_matter():
                 np.testing.assert_allclose(
                     place[order][i], expected, atol=1e-12 * (1 + np.max(np.abs(expected)))
                 )
-    del rng
 
 
 SIZES = [(0, 2), (1, 3), (2, 4), (3, 5), (4, 9)]
@@ -338,7 +341,7 @@ SIZES = [(0, 2), (1, 3), (2, 4), (3, 5), (4, 9)]
 @pytest.mark.parametrize("seed", range(3))
 def test_paths_keep_all_limits_between_samples_and_pass_every_waypoint(seed, method):
     path = timed(seed, method)
-    found = path.at(np.linspace(0, float(path.duration), 100_001))
+    found = numbers(path.at(np.linspace(0, float(path.duration), 100_001)))
     velocity, acceleration = shares(found)
     assert velocity < 1 + 1e-6
     assert acceleration < 1 + BETWEEN
@@ -441,7 +444,7 @@ def test_toppra_takes_as_long_to_one_percent(seed, count):
 
 
 def test_the_tool_keeps_its_limits(niryo):
-    q = waypoints(2) * 0.5
+    q = waypoints(2) * 0.4
     free = motion.retime(q, LIMITS, robot=niryo)
 
     def speeds(path):
@@ -556,7 +559,7 @@ def test_paths_beyond_the_limits_of_joints_are_refused_by_sample_and_joint(niryo
     with pytest.raises(ValueError, match=r"^path: sample 2 of path \(1,\) leaves the limits"):
         motion.retime(np.stack([0 * q, q]), LIMITS, robot=niryo)
     # Samples within, and the spline through them not.
-    q[:, 1] = [0.0, 0.63, 0.63, 0.0]
+    q[:, 1] = [0.0, 0.639, 0.639, 0.0]
     between = r"^path: the spline between samples 1 and 2{} leaves the limits of joint_2"
     with pytest.raises(ValueError, match=between.format("")):
         motion.retime(q, LIMITS, robot=niryo)
@@ -564,17 +567,15 @@ def test_paths_beyond_the_limits_of_joints_are_refused_by_sample_and_joint(niryo
     many[2, 1] = q
     with pytest.raises(ValueError, match=between.format(r" of path \(2, 1\)")):
         motion.retime(many, LIMITS, robot=niryo)
-    arm = nj.robots.iiwa() if hasattr(nj.robots, "iiwa") else None
-    if arm is not None:
-        with pytest.raises(ValueError, match="^path: expected 7 joints, got 6"):
-            motion.retime(0 * q, LIMITS, robot=arm)
+    with pytest.raises(ValueError, match=r"^path: expected 6 joints, got 5"):
+        motion.retime(q[:, :5], motion.MotionLimits(*np.ones((2, 5))), robot=niryo)
 
 
 def test_a_path_that_is_not_done_is_not_timed(niryo):
     far = np.tile(np.eye(4), (3, 1, 1))
     far[:, 0, 3] = 5.0
     lost = motion.best_path(niryo, far)
-    with pytest.raises(ValueError, match="^path: expected one that is done, got: "):
+    with pytest.raises(ValueError, match=r"^path: expected one that is done, got: "):
         motion.retime(lost, LIMITS)
 
 
@@ -625,9 +626,9 @@ def test_arcs_the_long_way_round_and_points_on_a_line(poses):
     np.testing.assert_allclose(found[:, 0, 3], np.cos(expected), atol=1e-14)
     np.testing.assert_allclose(found[:, 1, 3], np.sin(expected), atol=1e-14)
     middle = 0.5 * (pose[0] + pose[1])[:3, 3]
-    with pytest.raises(ValueError, match="^via: expected a point off the line"):
+    with pytest.raises(ValueError, match=r"^via: expected a point off the line"):
         motion.arc(pose[0], middle, pose[1], 11)
-    with pytest.raises(ValueError, match="^via: expected a point off the line"):
+    with pytest.raises(ValueError, match=r"^via: expected a point off the line"):
         motion.arc(pose[0], middle, pose[0], 11)
     traced, slope = jax.jit(
         jax.value_and_grad(lambda x: jnp.sum(motion.arc(pose[0], x, pose[1], 3)[1, :3, 3]))
@@ -660,7 +661,7 @@ def test_blends_round_each_corner_and_keep_to_the_lines_elsewhere(poses):
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     assert np.max(np.linalg.norm(np.diff(ways, axis=0), axis=1)) < 0.2
     turns = np.swapaxes(found[:-1, :3, :3], 1, 2) @ found[1:, :3, :3]
-    assert np.max(np.linalg.norm(nj.so3.log(turns), axis=1)) < 0.02
+    assert np.max(np.linalg.norm(nj.so3.log(turns), axis=1)) < 0.05
     many = motion.blend(np.stack([poses, poses[::-1]]), radius, count)
     np.testing.assert_allclose(many[0], found, atol=1e-14)
     np.testing.assert_allclose(many[1], found[::-1], atol=1e-9)
