@@ -192,10 +192,8 @@ def shares(path: motion.TimedPath, limits: motion.MotionLimits) -> tuple[float, 
 def measure(
     moves: int, paths: int, lines: int, rounds: int, report: Report, skip: tuple[str, ...] = ()
 ) -> None:
-    """Fill a report."""
+    """Add rates, answers and claims to a report."""
     robot, limits = nj.robots.niryo_one(), motion.niryo_limits()
-    check_line(robot, limits, report)
-    check_other_branch(robot, report)
     rng = np.random.default_rng(1)
     start, end = rng.uniform(robot.lower, robot.upper, (2, moves, 6))
     q = rng.uniform(0.5 * robot.lower, 0.5 * robot.upper, (paths, WAYPOINTS, 6))
@@ -292,6 +290,9 @@ def main() -> int:
     options = parser.parse_args()
     facts = about("toppra", "ruckig", moves=options.moves, paths=options.paths)
     report = Report("Time along paths", facts, [header(facts)])
+    robot = nj.robots.niryo_one()
+    check_line(robot, motion.niryo_limits(), report)
+    check_other_branch(robot, report)
     measure(options.moves, options.paths, options.lines, options.rounds, report)
     return report.finish("motion" if options.save else None)
 
