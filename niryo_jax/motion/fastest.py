@@ -32,20 +32,21 @@ class Rows(NamedTuple):
     c: jax.Array
 
 
-def squared_rates(slope: jax.Array, bend: jax.Array, most: jax.Array, step: float) -> jax.Array:
-    """The largest x = (ds/dt)^2 at equally spaced nodes of which the first and the last are rest.
+def squared_rates(slope: jax.Array, bend: jax.Array, most: jax.Array, step: jax.Array) -> jax.Array:
+    """The largest x = (ds/dt)^2 at nodes of s, of which the first and the last are rest.
 
     Args:
         slope, bend: (..., intervals, CHECKED, n) first and second derivatives by s of each joint in
             units of its largest acceleration, at the start, the middle and the end of intervals.
         most: (..., intervals + 1) the largest x that velocities allow at the nodes.
-        step: between two nodes.
+        step: (..., intervals) between two nodes.
 
     Returns:
         (..., intervals + 1).
     """
     batch, intervals = slope.shape[:-3], slope.shape[-3]
-    ahead = step * jnp.linspace(0.0, 2.0, CHECKED, dtype=slope.dtype)[:, None]
+    ahead = step[..., None] * jnp.linspace(0.0, 2.0, CHECKED, dtype=slope.dtype)
+    ahead = ahead[..., None]
     p, c = slope + ahead * bend, bend
     rows = Rows(jnp.abs(p), jnp.where(p < 0, -c, c))
     # Along the path first, then the rows, paths last: one loop over all paths for each row.
@@ -53,34 +54,39 @@ def squared_rates(slope: jax.Array, bend: jax.Array, most: jax.Array, step: floa
         *(x.reshape(-1, intervals, CHECKED * x.shape[-1]).transpose(1, 2, 0) for x in rows)
     )
     bounds = jnp.minimum(most, _HUGE).reshape(-1, intervals + 1).T
+    twice = 2.0 * step.reshape(-1, intervals).T
     rest = jnp.zeros_like(bounds[0])
 
-    def back(after: jax.Array, given: tuple[Rows, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        rows, bound = given
-        here = jnp.minimum(bound, _largest_start(rows, after, 2.0 * step))
+    def back(
+        after: jax.Array, given: tuple[Rows, jax.Array, jax.Array]
+    ) -> tuple[jax.Array, jax.Array]:
+        rows, twice, bound = given
+        here = jnp.minimum(bound, _largest_start(rows, after, twice))
         return here, here
 
-    def forth(before: jax.Array, given: tuple[Rows, jax.Array]) -> tuple[jax.Array, jax.Array]:
-        rows, after = given
+    def forth(
+        before: jax.Array, given: tuple[Rows, jax.Array, jax.Array]
+    ) -> tuple[jax.Array, jax.Array]:
+        rows, twice, after = given
         pushes = rows.p > 0
         room = (1.0 - rows.c * before) / jnp.where(pushes, rows.p, 1.0)
         u = jnp.min(jnp.where(pushes, room, jnp.inf), axis=0)
-        here = jnp.maximum(jnp.minimum(before + 2.0 * step * u, after), 0.0)
+        here = jnp.maximum(jnp.minimum(before + twice * u, after), 0.0)
         return here, here
 
-    _, possible = jax.lax.scan(back, rest, (along, bounds[:-1]), reverse=True)
+    _, possible = jax.lax.scan(back, rest, (along, twice, bounds[:-1]), reverse=True)
     possible = jnp.concatenate([possible[1:], rest[None]])
-    _, x = jax.lax.scan(forth, rest, (along, possible))
+    _, x = jax.lax.scan(forth, rest, (along, twice, possible))
     return jnp.concatenate([rest[None], x]).T.reshape(*batch, intervals + 1)
 
 
-def _largest_start(rows: Rows, after: jax.Array, step: float) -> jax.Array:
+def _largest_start(rows: Rows, after: jax.Array, step: jax.Array) -> jax.Array:
     """The largest x (paths,) from which some u keeps all rows and 0 <= x + step u <= after.
 
     Each row bounds u from below and from above by lines in x; there is a u where each bound from
     below is below each from above (Fourier and Motzkin). Multiplied out, nothing is divided by p.
     """
-    next_p = jnp.full_like(after, step)[None]
+    next_p = step[None]
     p = jnp.concatenate([rows.p, next_p])
     c = jnp.concatenate([rows.c, jnp.ones_like(next_p)])
     ones = jnp.ones_like(rows.p)

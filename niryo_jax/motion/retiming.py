@@ -18,8 +18,8 @@ from niryo_jax.motion.best_path import BestPath
 from niryo_jax.motion.fastest import CHECKED, squared_rates
 from niryo_jax.motion.limits import CartesianLimits, MotionLimits, as_arrays, check_limits_of
 from niryo_jax.motion.path_checks import as_samples, check_arm, check_between, check_samples
-from niryo_jax.motion.spline import Place, Spline, norm, place_at, root, spline_through
-from niryo_jax.motion.time_scaling import TimeScaling, quintic
+from niryo_jax.motion.spline import Place, Spline, nodes_of, norm, place_at, root, spline_through
+from niryo_jax.motion.time_scaling import quintic
 from niryo_jax.motion.timed_path import Method, TimedPath
 from niryo_jax.robot import Robot
 
@@ -79,9 +79,9 @@ def retime(
     limits = as_arrays(check_limits_of(limits, n), q.dtype)
     check_choice("method", method, ("fastest", "quintic"))
     if intervals is None:
-        intervals = max(INTERVALS, 1 << (2 * count - 1).bit_length())
+        intervals = max(INTERVALS, 1 << (8 * count - 1).bit_length())
     paths = math.prod(q.shape[:-2])
-    numbers = 4 * paths + 8 * _FINER * min(paths, _ON_ACCELERATOR) * n
+    numbers = 4 * paths + 12 * _FINER * min(paths, _ON_ACCELERATOR) * n
     most = check_fits("intervals", intervals, 8, numbers)
     check_arm(robot, cartesian, n)
     if robot is not None:
@@ -96,22 +96,46 @@ def retime(
     timed: list[TimedPath] = []
     for first in range(0, max(len(rows), 1), max(block, 1)):
         spline = spline_through(rows[first : first + block])
-        share = jnp.linspace(0.0, 1.0, _FINER * most + 1, dtype=q.dtype)
-        law = quintic(share) if method == "quintic" else None
-        s = jnp.broadcast_to(share if law is None else law.s, (block, len(share)))
+        u, s = _shares(spline, most, method)
         place = _places(spline, s)
         if robot is not None:
             check_between(robot, rows[first : first + block], s, place.q, first, batch)
         fastest = _most_rate(limits, cartesian, place, _tool_rates(robot, cartesian, place))
-        timed.append(
-            _fast(spline, place, limits, fastest)
-            if law is None
-            else _smooth(spline, place, law, limits, fastest)
-        )
+        core = _fast if method == "fastest" else _smooth
+        timed.append(core(spline, u, place, limits, fastest))
     return jax.tree.map(lambda *parts: cut_rows(jnp.concatenate(parts), batch), *timed)
 
 
 _places = jax.jit(place_at)
+
+
+@functools.partial(jax.jit, static_argnums=(1, 2))
+def _shares(spline: Spline, intervals: int, method: Method) -> tuple[jax.Array, jax.Array]:
+    """Shares (..., m) of the path, or of the duration of a quintic, and the places s there.
+
+    They are at `_FINER` equal parts of each interval, and every piece of the spline has some.
+    """
+    knots = spline.knots if method == "fastest" else _quintic_inverse(spline.knots)
+    nodes = nodes_of(knots, intervals)
+    part = jnp.arange(_FINER, dtype=nodes.dtype) / _FINER
+    parts = nodes[..., :-1, None] + part * (nodes[..., 1:] - nodes[..., :-1])[..., None]
+    parts = parts.reshape(*nodes.shape[:-1], -1)
+    u = jnp.concatenate([parts, nodes[..., -1:]], axis=-1)
+    return u, u if method == "fastest" else quintic(u).s
+
+
+def _quintic_inverse(s: jax.Array) -> jax.Array:
+    """The share of the duration after which a quintic has done shares s, by bisection."""
+
+    def halve(_: int, ends: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        low, high = ends
+        middle = 0.5 * (low + high)
+        early = quintic(middle).s < s
+        return jnp.where(early, middle, low), jnp.where(early, high, middle)
+
+    s = jax.lax.stop_gradient(s)
+    low, _ = jax.lax.fori_loop(0, 48, halve, (jnp.zeros_like(s), jnp.ones_like(s)))
+    return jnp.where(s < 1.0, low, 1.0)
 
 
 def _tool_rates(
@@ -143,10 +167,15 @@ def _most_rate(
 
 
 @jax.jit
-def _fast(spline: Spline, place: Place, limits: MotionLimits, fastest: jax.Array) -> TimedPath:
-    """The method "fastest", of places at `_FINER` parts of each interval."""
-    nodes = fastest.shape[-1] // _FINER + 1
-    step = 1.0 / (nodes - 1)
+def _fast(
+    spline: Spline, s: jax.Array, place: Place, limits: MotionLimits, fastest: jax.Array
+) -> TimedPath:
+    """The method "fastest", of places s at `_FINER` parts of each interval."""
+    s = s[..., ::_FINER]
+    nodes, step = s.shape[-1], s[..., 1:] - s[..., :-1]
+    # In float32, nodes may coincide.
+    apart = step > 0
+    safe = jnp.where(apart, step, 1.0)
 
     def within(array: jax.Array, every: int) -> jax.Array:
         """The places (..., intervals, parts + 1) of each interval, its ends included."""
@@ -165,7 +194,7 @@ def _fast(spline: Spline, place: Place, limits: MotionLimits, fastest: jax.Array
     before, after = x[..., :-1], x[..., 1:]
     part = jnp.linspace(0.0, 1.0, _FINER + 1, dtype=x.dtype)
     along = before[..., None] + part * (after - before)[..., None]
-    u = (0.5 * (after - before) / step)[..., None, None]
+    u = jnp.where(apart, 0.5 * (after - before) / safe, 0.0)[..., None, None]
     pushed = within(slope, 1) * u + within(bend, 1) * along[..., None]
     beyond = jnp.max(root(along) / within(fastest, 1), axis=(-2, -1))
     beyond = jnp.maximum(beyond, root(jnp.max(jnp.abs(pushed), axis=(-3, -2, -1))))
@@ -175,18 +204,17 @@ def _fast(spline: Spline, place: Place, limits: MotionLimits, fastest: jax.Array
     moves = (spline.length > 0)[..., None] & (mean > 0)
     seconds = jnp.where(moves, step / jnp.where(moves, mean, 1.0), 0.0)
     time = jnp.concatenate([jnp.zeros_like(x[..., :1]), jnp.cumsum(seconds, axis=-1)], axis=-1)
-    s = jnp.broadcast_to(jnp.linspace(0.0, 1.0, nodes, dtype=x.dtype), x.shape)
     return TimedPath(spline, time, s, rate, "fastest")
 
 
 @jax.jit
 def _smooth(
-    spline: Spline, place: Place, law: TimeScaling, limits: MotionLimits, fastest: jax.Array
+    spline: Spline, u: jax.Array, place: Place, limits: MotionLimits, fastest: jax.Array
 ) -> TimedPath:
-    """The method "quintic", of places at equal shares of its duration."""
-    u = jnp.linspace(0.0, 1.0, len(law.s), dtype=law.s.dtype)
-    first, second = law.rate[:, None], law.acceleration[:, None]
-    third = (60.0 - 360.0 * u * (1.0 - u))[:, None]
+    """The method "quintic", of places at shares u of its duration."""
+    law = quintic(u)
+    first, second = law.rate[..., None], law.acceleration[..., None]
+    third = (60.0 - 360.0 * u * (1.0 - u))[..., None]
     worst = functools.partial(jnp.max, axis=(-2, -1))
     pushed = place.slope * second + place.bend * first**2
     duration = jnp.maximum(

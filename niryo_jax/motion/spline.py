@@ -90,6 +90,26 @@ def place_at(spline: Spline, s: jax.Array) -> Place:
     )
 
 
+def nodes_of(knots: jax.Array, count: int) -> jax.Array:
+    """Numbers (..., count + 1) from 0 to 1 on which no interval between knots is missed.
+
+    Half of them are shared out by length, the other half equally among the intervals of knots
+    (..., k), rising to 1, from which on they are repeated.
+    """
+    last = jnp.sum(knots < 1.0, axis=-1, keepdims=True)
+    place = jnp.minimum(jnp.arange(knots.shape[-1]), last) / jnp.maximum(last, 1)
+    share = jnp.where(last > 0, 0.5 * (knots + place.astype(knots.dtype)), 1.0)
+    at = jnp.linspace(0.0, 1.0, count + 1, dtype=knots.dtype)
+    row = jnp.clip(before(share, jnp.broadcast_to(at, (*share.shape[:-1], count + 1)), "left"), 0)
+    row = jnp.minimum(row, knots.shape[-1] - 2)
+    table = jnp.stack([share[..., :-1], share[..., 1:], knots[..., :-1], knots[..., 1:]], axis=-1)
+    low, high, start, end = jnp.moveaxis(looked_up(table, row), -1, 0)
+    done = (at - low) / jnp.where(high > low, high - low, 1.0)
+    inside = start + jnp.clip(done, 0.0, 1.0) * (end - start)
+    # A path of no length has its nodes anywhere.
+    return jax.lax.stop_gradient(jnp.where(last > 0, inside, at).at[..., 0].set(0.0))
+
+
 def looked_up(table: jax.Array, row: jax.Array) -> jax.Array:
     """Rows (..., m) of tables (..., k, n): (..., m, n)."""
     found = jax.vmap(lambda one, i: one[i])(
@@ -100,7 +120,7 @@ def looked_up(table: jax.Array, row: jax.Array) -> jax.Array:
 
 def before(rising: jax.Array, values: jax.Array, side: Literal["left", "right"]) -> jax.Array:
     """The place (..., m) in rising numbers (..., k) before each value; -1 where there is none."""
-    search = functools.partial(jnp.searchsorted, side=side, method="scan_unrolled")
+    search = functools.partial(jnp.searchsorted, side=side)
     found = jax.vmap(search)(
         rising.reshape(-1, rising.shape[-1]), values.reshape(-1, values.shape[-1])
     )
