@@ -91,10 +91,10 @@ def place_at(spline: Spline, s: jax.Array) -> Place:
 
 
 def nodes_of(knots: jax.Array, count: int) -> jax.Array:
-    """Numbers (..., count + 1) from 0 to 1 on which no interval between knots is missed.
+    """Rising numbers (..., count + 1) from 0 to 1, among which are all knots (..., k).
 
-    Half of them are shared out by length, the other half equally among the intervals of knots
-    (..., k), rising to 1, from which on they are repeated.
+    Half of them are shared out by length, the other half equally among the intervals of the knots,
+    which rise to 1 and are repeated from there on. That needs a count of 2 k or more.
     """
     last = jnp.sum(knots < 1.0, axis=-1, keepdims=True)
     place = jnp.minimum(jnp.arange(knots.shape[-1]), last) / jnp.maximum(last, 1)
@@ -106,8 +106,11 @@ def nodes_of(knots: jax.Array, count: int) -> jax.Array:
     low, high, start, end = jnp.moveaxis(looked_up(table, row), -1, 0)
     done = (at - low) / jnp.where(high > low, high - low, 1.0)
     inside = start + jnp.clip(done, 0.0, 1.0) * (end - start)
+    # The node that is nearest to a knot becomes it: no two knots are as near to one.
+    nearest = jnp.round(share * count).astype(jnp.int32)
+    nodes = jnp.put_along_axis(inside, nearest, knots, axis=-1, inplace=False)
     # A path of no length has its nodes anywhere.
-    return jax.lax.stop_gradient(jnp.where(last > 0, inside, at).at[..., 0].set(0.0))
+    return jax.lax.stop_gradient(jnp.where(last > 0, nodes, at))
 
 
 def looked_up(table: jax.Array, row: jax.Array) -> jax.Array:
