@@ -62,8 +62,8 @@ def retime(
         method: "fastest": time-optimal, with accelerations that jump (`motion.fastest`). "quintic":
             `quintic_time_scaling` along the whole path, in the shortest time that the limits allow:
             smooth, and longer.
-        intervals: into how many the path is cut; 4,096 where not given, or the first power of two
-            that is at least eight times the number of samples.
+        intervals: into how many the path is cut, 4 k or more; 4,096 where not given, or the first
+            power of two that is at least 8 k.
 
     Returns:
         A `TimedPath`. Of joint vectors that are all the same the duration is 0. Differentiable.
@@ -82,7 +82,7 @@ def retime(
         intervals = max(INTERVALS, 1 << (8 * count - 1).bit_length())
     paths = math.prod(q.shape[:-2])
     numbers = 4 * paths + 12 * _FINER * min(paths, _ON_ACCELERATOR) * n
-    most = check_fits("intervals", intervals, 8, numbers)
+    most = check_fits("intervals", intervals, 4 * max(count, 2), numbers)
     check_arm(robot, cartesian, n)
     if robot is not None:
         check_samples(robot, q)
@@ -119,7 +119,7 @@ def _shares(spline: Spline, intervals: int, method: Method) -> tuple[jax.Array, 
     nodes = nodes_of(knots, intervals)
     part = jnp.arange(_FINER, dtype=nodes.dtype) / _FINER
     parts = nodes[..., :-1, None] + part * (nodes[..., 1:] - nodes[..., :-1])[..., None]
-    parts = parts.reshape(*nodes.shape[:-1], -1)
+    parts = parts.reshape(*nodes.shape[:-1], _FINER * intervals)
     u = jnp.concatenate([parts, nodes[..., -1:]], axis=-1)
     return u, u if method == "fastest" else quintic(u).s
 
@@ -210,8 +210,9 @@ def _highest(values: jax.Array) -> jax.Array:
     """
     start, middle, end = (values[..., i, :] for i in range(CHECKED))
     rise, bend = 0.5 * (end - start), start - 2.0 * middle + end
-    turns = jnp.abs(rise) < jnp.abs(bend)
-    peak = jnp.where(turns, middle - 0.5 * rise * rise / jnp.where(turns, bend, 1.0), middle)
+    # What bends by less than rounding is flat.
+    turns = (jnp.abs(rise) < jnp.abs(bend)) & (jnp.abs(bend) > jnp.finfo(bend.dtype).eps)
+    peak = middle - 0.5 * rise * jnp.where(turns, rise / jnp.where(turns, bend, 1.0), 0.0)
     return jnp.maximum(jnp.max(jnp.abs(values), axis=-2), jnp.abs(peak))
 
 
