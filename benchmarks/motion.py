@@ -43,8 +43,8 @@ LEAST = 0.1
 ON_LINE = 1e-9
 """Metres that the tool may be off the line."""
 
-BETWEEN = 1e-3
-"""A share by which accelerations may pass a limit between the places that are looked at."""
+BETWEEN = 1e-4
+"""A share by which a limit may be passed between nodes."""
 
 NEAR = 0.01
 """A share by which a duration may differ from the peer's."""
@@ -249,7 +249,7 @@ def _judge(of: dict[str, Timed], limits: motion.MotionLimits, moves: int, report
     report.claims.append(Claim(text, best.rate >= 1000))
     path = of["retime"].result
     velocity, acceleration = shares(path, limits)
-    if velocity > 1 + 1e-4 or acceleration > 1 + BETWEEN:
+    if max(velocity, acceleration) > 1 + BETWEEN:
         report.wrong.append(f"retime: {velocity:.4f} and {acceleration:.4f} of its limits")
     report.sections.append(
         f"Between its nodes retime comes to {velocity:.6f} of a velocity limit, and to "

@@ -15,6 +15,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from niryo_jax.motion.extremes import least
+
 CHECKED = 3
 """Places of an interval at which accelerations are bounded: both its ends and the middle."""
 
@@ -70,7 +72,7 @@ def squared_rates(slope: jax.Array, bend: jax.Array, most: jax.Array, step: jax.
         rows, twice, after = given
         pushes = rows.p > 0
         room = (1.0 - rows.c * before) / jnp.where(pushes, rows.p, 1.0)
-        u = jnp.min(jnp.where(pushes, room, jnp.inf), axis=0)
+        u = least(jnp.where(pushes, room, jnp.inf))
         here = jnp.maximum(jnp.minimum(before + twice * u, after), 0.0)
         return here, here
 
@@ -97,4 +99,4 @@ def _largest_start(rows: Rows, after: jax.Array, step: jax.Array) -> jax.Array:
     right = p[:, None] * above + p * below[:, None]
     binds = factor > 0
     bound = jnp.where(binds, right / jnp.where(binds, factor, 1.0), jnp.inf)
-    return jnp.min(bound, axis=(0, 1))
+    return least(bound.reshape(len(p) ** 2, *after.shape))

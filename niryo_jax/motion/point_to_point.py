@@ -11,6 +11,7 @@ from jax.typing import ArrayLike
 
 from niryo_jax.arguments import check_choice, check_finite, shown
 from niryo_jax.lanes.batching import as_floating, broadcast_batch, check_shape
+from niryo_jax.motion.extremes import largest
 from niryo_jax.motion.limits import MotionLimits, as_arrays, check_limits_of
 from niryo_jax.motion.paths import JointTrajectory
 from niryo_jax.motion.profiles import Profile, Shape, at, shape_of
@@ -120,20 +121,16 @@ def _shortest(
         # One move of length 1 for all joints, as fast as the one that is bounded most.
         moves = length > 0
         share = jnp.where(moves, length, 1.0)
-        least = jax.tree.map(
-            lambda most: jnp.min(
-                jnp.where(moves, most / share, jnp.inf), axis=-1, keepdims=True, initial=jnp.inf
-            ),
-            limits,
-        )
+        bound = jax.tree.map(lambda most: jnp.where(moves, share / most, 0.0), limits)
+        least = jax.tree.map(lambda rest: largest(rest)[..., None], bound)
         any_moves = jnp.any(moves, axis=-1, keepdims=True)
-        least = jax.tree.map(lambda most: jnp.where(any_moves, most, 1.0), least)
+        least = jax.tree.map(lambda rest: 1.0 / jnp.where(any_moves, rest, 1.0), least)
         one = shape_of(profile, jnp.where(any_moves, jnp.ones_like(share[..., :1]), 0.0), least)
         duration, rise, hold = (jnp.broadcast_to(x, length.shape) for x in one[1:4])
         shape = Shape(length, duration, rise, hold, one.top * length)
     else:
         shape = shape_of(profile, length, limits)
-    duration = jnp.max(shape.duration, axis=-1, initial=0.0)
+    duration = largest(shape.duration)
     return PointToPoint(start, end, duration, shape, profile)
 
 

@@ -15,6 +15,7 @@ from niryo_jax.execution.compaction import at_once
 from niryo_jax.execution.padding import cut_rows, padded_rows
 from niryo_jax.jacobian import body_jacobian
 from niryo_jax.motion.best_path import BestPath
+from niryo_jax.motion.extremes import largest
 from niryo_jax.motion.fastest import CHECKED, squared_rates
 from niryo_jax.motion.limits import CartesianLimits, MotionLimits, as_arrays, check_limits_of
 from niryo_jax.motion.path_checks import as_samples, check_arm, check_between, check_samples
@@ -157,13 +158,12 @@ def _most_rate(
     tool: tuple[jax.Array, jax.Array] | None,
 ) -> jax.Array:
     """The largest ds/dt that velocities allow, (..., m)."""
-    share = jnp.max(jnp.abs(place.slope) / limits.velocity, axis=-1)
+    share = largest(jnp.abs(place.slope) / limits.velocity)
     if tool is not None and cartesian is not None:
-        for rate, most in zip(tool, (cartesian.angular, cartesian.linear)):
-            share = jnp.maximum(share, rate / most)
-    largest = jnp.max(share, axis=-1, keepdims=True)
-    least = jnp.where(largest > 0, _LEAST * largest, 1.0)
-    return 1.0 / jnp.maximum(share, least)
+        for rate, bound in zip(tool, (cartesian.angular, cartesian.linear)):
+            share = jnp.maximum(share, rate / bound)
+    most = largest(share)[..., None]
+    return 1.0 / jnp.maximum(share, jnp.where(most > 0, _LEAST * most, 1.0))
 
 
 @jax.jit
@@ -192,8 +192,8 @@ def _fast(
     along = before[..., None] + part * (after - before)[..., None]
     u = jnp.where(apart, 0.5 * (after - before) / safe, 0.0)[..., None, None]
     pushed = _highest(slope * u + bend * along[..., None])
-    beyond = jnp.max(root(along) / within(fastest), axis=(-2, -1))
-    beyond = jnp.maximum(beyond, root(jnp.max(pushed, axis=(-2, -1))))
+    beyond = largest(root(along) / within(fastest), 2)
+    beyond = jnp.maximum(beyond, root(largest(pushed, 2)))
     # In the discrete optimum something is at its limit: stretched to that.
     rate = root(x) / jnp.where(beyond > 0, beyond, 1.0)[..., None]
     mean = 0.5 * (rate[..., 1:] + rate[..., :-1])
@@ -213,7 +213,8 @@ def _highest(values: jax.Array) -> jax.Array:
     # What bends by less than rounding is flat.
     turns = (jnp.abs(rise) < jnp.abs(bend)) & (jnp.abs(bend) > jnp.finfo(bend.dtype).eps)
     peak = middle - 0.5 * rise * jnp.where(turns, rise / jnp.where(turns, bend, 1.0), 0.0)
-    return jnp.maximum(jnp.max(jnp.abs(values), axis=-2), jnp.abs(peak))
+    ends = jnp.maximum(jnp.abs(start), jnp.abs(end))
+    return jnp.maximum(jnp.maximum(ends, jnp.abs(middle)), jnp.abs(peak))
 
 
 @jax.jit
@@ -224,14 +225,13 @@ def _smooth(
     law = quintic(u)
     first, second = law.rate[..., None], law.acceleration[..., None]
     third = (60.0 - 360.0 * u * (1.0 - u))[..., None]
-    worst = functools.partial(jnp.max, axis=(-2, -1))
     pushed = place.slope * second + place.bend * first**2
     duration = jnp.maximum(
-        jnp.max(law.rate / fastest, axis=-1), root(worst(jnp.abs(pushed) / limits.acceleration))
+        largest(law.rate / fastest), root(largest(jnp.abs(pushed) / limits.acceleration, 2))
     )
     if limits.jerk is not None:
         jolt = place.slope * third + 3.0 * place.bend * first * second + place.third * first**3
-        cube = worst(jnp.abs(jolt) / limits.jerk)
+        cube = largest(jnp.abs(jolt) / limits.jerk, 2)
         duration = jnp.maximum(
             duration, jnp.where(cube > 0, jnp.cbrt(jnp.where(cube > 0, cube, 1.0)), 0.0)
         )
