@@ -185,6 +185,10 @@ PATH_LIMITS = ByDtype(1e-6, 1e-4)
 """A path may pass a joint limit by less than this between its samples (radians, metres): a spline
 through samples at the limit does."""
 
+ACCELERATION = ByDtype(1e-9, 1e-5)
+"""The passes along a path take accelerations beyond their limits by up to this share for rounding,
+which a joint that turns round divides by a slope near zero. Time is stretched by as much later."""
+
 ARC_SINE = ByDtype(1e-6, 1e-3)
 """Three points are on a line where the sine of the angle at the first is below this: farther off,
 the radius of the circle through them is lost in rounding."""

@@ -423,6 +423,16 @@ def test_a_path_there_and_back_stops_where_it_turns():
     np.testing.assert_allclose(found.velocity[10_000], 0, atol=1e-2)
 
 
+@pytest.mark.parametrize("wide", [1.0, 3.0])
+def test_a_joint_that_turns_round_at_a_node_holds_nothing_up(wide):
+    # The slope of joint 2 is zero but for rounding where the others are fastest.
+    s = np.linspace(-1, 1, 301)
+    q = np.stack([s, wide * s**2, np.sin(s), np.cos(s), 0 * s, s**3], axis=1)
+    q += 1e-15 * np.random.default_rng(0).standard_normal(q.shape)
+    times = [float(motion.retime(q, LIMITS, intervals=n).duration) for n in (4095, 4096, 8192)]
+    np.testing.assert_allclose(times, times[0], rtol=1e-3)
+
+
 @every_method
 def test_time_scales_with_limits_and_runs_backwards(method):
     path = timed(1, method)

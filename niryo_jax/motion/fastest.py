@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from niryo_jax.motion.extremes import least
+from niryo_jax.tolerances import ACCELERATION
 
 CHECKED = 3
 """Places of an interval at which accelerations are bounded: both its ends and the middle."""
@@ -55,6 +56,7 @@ def squared_rates(slope: jax.Array, bend: jax.Array, most: jax.Array, step: jax.
     along = Rows(
         *(x.reshape(-1, intervals, CHECKED * x.shape[-1]).transpose(1, 2, 0) for x in rows)
     )
+    one = 1.0 + ACCELERATION.of(slope.dtype)
     bounds = jnp.minimum(most, _HUGE).reshape(-1, intervals + 1).T
     twice = 2.0 * step.reshape(-1, intervals).T
     rest = jnp.zeros_like(bounds[0])
@@ -71,7 +73,7 @@ def squared_rates(slope: jax.Array, bend: jax.Array, most: jax.Array, step: jax.
     ) -> tuple[jax.Array, jax.Array]:
         rows, twice, after = given
         pushes = rows.p > 0
-        room = (1.0 - rows.c * before) / jnp.where(pushes, rows.p, 1.0)
+        room = (one - rows.c * before) / jnp.where(pushes, rows.p, 1.0)
         u = least(jnp.where(pushes, room, jnp.inf))
         here = jnp.maximum(jnp.minimum(before + twice * u, after), 0.0)
         return here, here
