@@ -1,7 +1,7 @@
 """Every benchmark, or those named, each in processes of its own.
 
     python -m benchmarks [lanes floors kinematics lie compiling first_answer devices complete_ik
-                          robots honesty arms workspace uncertainty collision] [--save]
+                          robots honesty arms workspace uncertainty collision motion] [--save]
     python -m benchmarks --gate [--save]      whether anything has become slower (`gate`)
 
 Peers that are not installed are left out and named. Install them with `pip install --group peers`;
@@ -34,6 +34,7 @@ PARTS = (
     "workspace",
     "uncertainty",
     "collision",
+    "motion",
 )
 
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks.md"

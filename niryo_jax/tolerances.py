@@ -177,3 +177,18 @@ POLYNOMIAL_NOISE = 500.0
 COVARIANCE = ByDtype(1e-10, 1e-5)
 """A covariance that misses being symmetric, or positive semidefinite, by less than this share of
 its largest entry does for rounding."""
+
+SAME_WAYPOINT = ByDtype(1e-9, 1e-5)
+"""Waypoints that are nearer than this share of the path's length to the one before are that one."""
+
+PATH_LIMITS = ByDtype(1e-6, 1e-4)
+"""A path may pass a joint limit by less than this between its samples (radians, metres): a spline
+through samples at the limit does."""
+
+ACCELERATION = ByDtype(1e-9, 1e-5)
+"""The passes along a path take accelerations beyond their limits by up to this share for rounding,
+which a joint that turns round divides by a slope near zero. Time is stretched by as much later."""
+
+ARC_SINE = ByDtype(1e-6, 1e-3)
+"""Three points are on a line where the sine of the angle at the first is below this: farther off,
+the radius of the circle through them is lost in rounding."""

@@ -8,7 +8,7 @@ import xml.etree.ElementTree
 import numpy as np
 import pytest
 
-from benchmarks import collision, floors, kinematics, lanes, lie, measure
+from benchmarks import collision, floors, kinematics, lanes, lie, measure, motion
 from benchmarks.kinematics_peers import PACKAGES, urdf
 
 PEERS = [name for name in PACKAGES if name != "numpy"]
@@ -38,6 +38,13 @@ def test_collision():
     assert np.isnan(collision.measure(64, 4, 1, report, skip=tuple(collision.PEERS)))
     assert not report.wrong
     assert report.sections[-1].count("niryo_jax, clearance") == 6
+
+
+def test_motion():
+    report = measure.Report("", {})
+    motion.measure(32, 2, 2, 1, report, skip=("toppra", "ruckig"))
+    assert not report.wrong
+    assert len(report.claims) == 7
 
 
 @pytest.mark.parametrize("part", [lie, lanes])

@@ -165,3 +165,16 @@ def test_collision():
     assert result.all_collide
     assert result.before < 0 < 0.02 <= result.after
     assert result.moved < 20
+
+
+def test_timed_path(tmp_path):
+    picture = tmp_path / "motion.png"
+    drawing = importlib.util.find_spec("matplotlib") is not None
+    result = run("16_timed_path", *([picture] if drawing else []))
+    times = result.durations
+    assert times["fastest"] < times["smooth"]
+    assert times["careful"] > 0.3 / 0.1
+    assert max(result.shares) == pytest.approx(1.0, abs=1e-3)
+    assert result.off < 1e-9
+    assert result.samples == 1 + np.ceil(1e3 * times["fastest"])
+    assert picture.exists() == drawing
