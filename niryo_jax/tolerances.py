@@ -177,3 +177,15 @@ POLYNOMIAL_NOISE = 500.0
 COVARIANCE = ByDtype(1e-10, 1e-5)
 """A covariance that misses being symmetric, or positive semidefinite, by less than this share of
 its largest entry does for rounding."""
+
+PROXIMAL = ByDtype(1e-13, 3e-6)
+"""Joint rates are drawn to those before by this share of the largest square of a column of the
+Jacobian: a few times rounding, so that what is singular still has a factor."""
+
+PROXIMAL_REDUNDANT = ByDtype(1e-9, 1e-4)
+"""The same for arms with joints to spare: half-way, on a scale of ratios, between 1 and rounding,
+which both the least part of a slope and what it is drawn from must be told from."""
+
+ROUNDING_OF_SLOPE = ByDtype(1e-14, 2e-6)
+"""A bound is pressed against from the wrong side where the slope is more than this share of its
+size."""
