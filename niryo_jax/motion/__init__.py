@@ -13,6 +13,8 @@ from niryo_jax.motion.paths import (
 )
 from niryo_jax.motion.rungs import PathCost
 from niryo_jax.motion.time_scaling import TimeScaling, cubic_time_scaling, quintic_time_scaling
+from niryo_jax.motion.velocity import velocity_ik
+from niryo_jax.motion.velocity_result import VelocityResult, VelocityStatus
 
 __all__ = [
     "BestPath",
@@ -20,10 +22,13 @@ __all__ = [
     "PathCost",
     "PoseTrajectory",
     "TimeScaling",
+    "VelocityResult",
+    "VelocityStatus",
     "best_path",
     "cartesian_trajectory",
     "cubic_time_scaling",
     "joint_trajectory",
     "quintic_time_scaling",
     "screw_trajectory",
+    "velocity_ik",
 ]

@@ -25,10 +25,11 @@ import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.lanes import Lane, Lanes
+from niryo_jax.lanes.batch_last import lanes_in, stacked, times, transposed_times
 from niryo_jax.lanes.symmetric import Factor, factor, solved
 from niryo_jax.tolerances import PROXIMAL, PROXIMAL_REDUNDANT, ROUNDING_OF_SLOPE
 
-_ADVANCES = 3
+_ADVANCES, _ADVANCES_FLOAT32 = 3, 5
 """How many times c moves."""
 
 _MOST = 12
@@ -61,20 +62,6 @@ class Problem(NamedTuple):
         return self.square * (x - self.centre) - transposed_times(self.matrix, self.residual(x))
 
 
-def times(matrix: jax.Array, vector: jax.Array) -> jax.Array:
-    """(m, n, r) (n, r) -> (m, r)."""
-    return jnp.stack([_sum([a * x for a, x in zip(row, vector)]) for row in matrix])
-
-
-def transposed_times(matrix: jax.Array, vector: jax.Array) -> jax.Array:
-    """(m, n, r) (m, r) -> (n, r)."""
-    return times(jnp.swapaxes(matrix, 0, 1), vector)
-
-
-def _sum(terms: list[jax.Array]) -> jax.Array:
-    return functools.reduce(jnp.add, terms)
-
-
 @jax.custom_jvp
 def free_least_squares(problem: Problem) -> jax.Array:
     """(n, r) the answer where nothing is bound; lower and upper are not looked at."""
@@ -84,7 +71,7 @@ def free_least_squares(problem: Problem) -> jax.Array:
     def step(_: int, x: jax.Array) -> jax.Array:
         return x - _solved(factored, problem.slope(x))
 
-    return jax.lax.fori_loop(0, _ADVANCES + 1, step, problem.centre)
+    return jax.lax.fori_loop(0, _advances(problem) + 1, step, problem.centre)
 
 
 @free_least_squares.defjvp
@@ -108,7 +95,7 @@ def bounded_least_squares(problem: Problem) -> tuple[jax.Array, jax.Array]:
     n, rows = problem.centre.shape
     largest = _largest(hessian)
     lower, upper = problem.lower, problem.upper
-    number = jnp.arange(n)[:, None]
+    number, advances = jnp.arange(n)[:, None], _advances(problem)
 
     def goes_on(state: _State) -> jax.Array:
         return (state.step < _MOST * n) & ~jnp.all(state.done)
@@ -124,7 +111,7 @@ def bounded_least_squares(problem: Problem) -> tuple[jax.Array, jax.Array]:
         let_go = worst > ROUNDING_OF_SLOPE.of(x.dtype) * largest * size
         held = jnp.where(let_go & (number == jnp.argmax(wrong, axis=0)), 0.0, held)
         settled = state.least & ~let_go
-        done = state.done | (settled & (state.advances == _ADVANCES))
+        done = state.done | (settled & (state.advances == advances))
         centre = jnp.where(settled, x, centre)
         whole = slope + extra * (x - centre)
         free = held == 0
@@ -217,14 +204,17 @@ def optimality(problem: Problem, x: jax.Array) -> jax.Array:
     return jnp.max(jnp.abs(x - jnp.clip(stepped, problem.lower, problem.upper)), axis=0)
 
 
+def _advances(problem: Problem) -> int:
+    return _ADVANCES if problem.matrix.dtype == jnp.float64 else _ADVANCES_FLOAT32
+
+
 def _hessian(problem: Problem) -> tuple[Lanes, jax.Array]:
     """A^T A + s, and the small multiple (r,)."""
-    matrix = problem.matrix
-    m, n = matrix.shape[:2]
-    columns = np.array([[Lane(matrix[i, j]) for i in range(m)] for j in range(n)], dtype=object)
+    m, n, _ = problem.matrix.shape
+    columns = lanes_in(problem.matrix).T
     hessian = lanes.materialised(columns @ columns.T)
     largest = _largest(hessian)
-    share = (PROXIMAL if m >= n else PROXIMAL_REDUNDANT).of(matrix.dtype)
+    share = (PROXIMAL if m >= n else PROXIMAL_REDUNDANT).of(problem.matrix.dtype)
     return _added(hessian, problem.square), share * largest
 
 
@@ -249,6 +239,4 @@ def _masked(matrix: Lanes, free: jax.Array) -> Lanes:
 
 
 def _solved(factored: Factor, rhs: jax.Array) -> jax.Array:
-    entries = np.empty(len(rhs), dtype=object)
-    entries[:] = [Lane(x) for x in rhs]
-    return jnp.stack([x.array for x in solved(factored, entries)])
+    return stacked(solved(factored, lanes_in(rhs)), rhs[0])
