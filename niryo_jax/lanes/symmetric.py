@@ -10,7 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from niryo_jax.lanes.linalg import dot, norm
-from niryo_jax.lanes.scalar import Lane, Lanes, lanes_of, materialise, materialised, minimum, select, sqrt
+from niryo_jax.lanes.scalar import (
+    Lane,
+    Lanes,
+    as_lane,
+    lanes_of,
+    materialise,
+    materialised,
+    minimum,
+    select,
+    sqrt,
+)
 
 _STEPS = 16
 """Of Laguerre's method. Each triples the digits of a single root; of one that stands for three, it
@@ -85,7 +95,7 @@ def least_eigenvalue(matrix: Lanes) -> Lane:
     real, it goes to the least of them and never past it. In error by rounding of the largest.
     """
     n = len(matrix)
-    trace = np.diag(matrix).sum()
+    trace = as_lane(np.diag(matrix).sum())
     some = trace > 0
     # Powers of a small matrix would be too small for a number.
     per = materialise(select(some, 1.0 / select(some, trace, 1.0), 0.0))

@@ -75,9 +75,7 @@ def free_least_squares(problem: Problem) -> jax.Array:
 
 
 @free_least_squares.defjvp
-def _free_jvp(
-    primals: tuple[Problem], tangents: tuple[Problem]
-) -> tuple[jax.Array, jax.Array]:
+def _free_jvp(primals: tuple[Problem], tangents: tuple[Problem]) -> tuple[jax.Array, jax.Array]:
     x = free_least_squares(*primals)
     return x, _rate(*primals, *tangents, x, jnp.zeros_like(x))
 
@@ -170,9 +168,7 @@ def _bounded_jvp(
     return (x, held), (_rate(*primals, *tangents, x, held), jnp.zeros_like(held))
 
 
-def _rate(
-    problem: Problem, rate: Problem, x: jax.Array, held: jax.Array
-) -> jax.Array:
+def _rate(problem: Problem, rate: Problem, x: jax.Array, held: jax.Array) -> jax.Array:
     """The rate of the answer.
 
     It is that of the problem with the small multiple and c = z, whose answer y has H y = ... for

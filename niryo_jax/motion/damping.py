@@ -56,7 +56,9 @@ def _eigenvector(matrix: jax.Array, value: jax.Array) -> jax.Array:
         vector = solved(factored, vector)
         length = lanes.norm(vector)
         some = length > 0
-        vector = lanes.materialised(vector * lanes.select(some, 1.0 / lanes.select(some, length, 1.0), 0.0))
+        vector = lanes.materialised(
+            vector * lanes.select(some, 1.0 / lanes.select(some, length, 1.0), 0.0)
+        )
     return stacked(vector, value)
 
 

@@ -1,4 +1,4 @@
-"""The joint rates that limits leave: of rates, of accelerations, and of positions a time step on."""
+"""The joint rates that limits leave: limits of rates, of accelerations, of positions a step on."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class RateLimits(NamedTuple):
         rate: (..., n) the fastest, rad/s (m/s for prismatic joints).
         acceleration: (..., n) by how much a rate may change in a second.
         previous: (..., n) the rates before; with `acceleration`.
-        step: (..., 1) seconds that the rates are kept; with `acceleration` or limits of positions.
+        step: (...,) seconds that the rates are kept; with `acceleration` or limits of positions.
         lower, upper: (n,) limits of positions.
     """
 
@@ -31,7 +31,7 @@ class RateLimits(NamedTuple):
 
 
 def rate_box(q: jax.Array, limits: RateLimits) -> Box:
-    """The least and the greatest rates at joint vectors q (..., n), both (..., n).
+    """The least and the greatest rates at joint vectors q (..., n), both (..., n); step (..., 1).
 
     Limits of rates always hold, those of accelerations as far as these let them, and those of
     positions as far as both let them. A joint inside its limits so stays inside, and one outside

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import jax
@@ -18,6 +19,9 @@ from niryo_jax.motion.rate_box import RateLimits
 from niryo_jax.motion.velocity_program import Asked, joint_rates_for
 from niryo_jax.motion.velocity_result import VelocityResult
 from niryo_jax.robot import Robot, check_is_robot
+
+_FEW = 64
+"""So many at a time are worked out by a program that is compiled fast rather than to run fast."""
 
 
 def velocity_ik(
@@ -66,8 +70,8 @@ def velocity_ik(
         rate_limits: (..., n) the fastest rates, above 0, rad/s (m/s).
         dt: (...,) seconds that the rates will be kept. With it the joints stay within the robot's
             `lower` and `upper`; a joint outside goes back as fast as the other limits let it.
-        acceleration_limits: (..., n) above 0, rad/s^2 (m/s^2); with `previous_rate` and `dt`. Joints
-            then slow down in time for their limits.
+        acceleration_limits: (..., n) above 0, rad/s^2 (m/s^2); with `previous_rate` and `dt`. The
+            joints then slow down in time for their limits.
         previous_rate: (..., n) the rates before.
         keep_direction: slow all joints alike where one meets a limit, so that the tool moves in
             the direction that it would without limits, rather than coming nearest to the twist.
@@ -75,9 +79,9 @@ def velocity_ik(
     Batch axes broadcast.
 
     Returns:
-        A `VelocityResult`, in the precision of q and twist. Finite whatever the posture. Derivatives
-        by q, twist, the arm and all other arrays are those of a small change that leaves the
-        limits which hold as they are.
+        A `VelocityResult`, in the precision of q and twist. Rates are finite whatever the posture.
+        Derivatives by q, twist, the arm and all other arrays are those of a small change that
+        leaves the limits which hold as they are.
 
     Raises:
         ValueError: wrong shapes; a number out of its range; an acceleration limit without
@@ -110,19 +114,19 @@ def velocity_ik(
         None if null_motion is None else _vector("null_motion", null_motion, n),
         limits if any(x is not None for x in limits) else None,
     )
-    named = {
-        "q": q,
-        "twist": twist,
-        "damping": asked.damping,
-        "threshold": asked.threshold,
-        "weights": asked.weights,
-        "null_motion": asked.null_motion,
-        "rate_limits": limits.rate,
-        "dt": step,
-        "acceleration_limits": limits.acceleration,
-        "previous_rate": limits.previous,
-    }
-    broadcast_batch(*((name, x, 1) for name, x in named.items() if x is not None))
+    named: list[tuple[str, jax.Array | None, int]] = [
+        ("q", q, 1),
+        ("twist", twist, 1),
+        ("damping", asked.damping, 0),
+        ("threshold", asked.threshold, 0),
+        ("weights", asked.weights, 1),
+        ("null_motion", asked.null_motion, 1),
+        ("rate_limits", limits.rate, 1),
+        ("dt", step, 0),
+        ("acceleration_limits", limits.acceleration, 1),
+        ("previous_rate", limits.previous, 1),
+    ]
+    batch = broadcast_batch(*(each for each in named if each[1] is not None))
     dtype = jnp.result_type(q, twist)
     q, asked = jax.tree.map(lambda x: x.astype(dtype), (q, asked))
     return joint_rates_for(
@@ -132,6 +136,7 @@ def velocity_ik(
         frame=frame,
         task=bound,
         keep_direction=bool(keep_direction),
+        quick=math.prod(batch) <= _FEW,
     )
 
 
@@ -142,8 +147,7 @@ def _vector(name: str, value: ArrayLike, size: int) -> jax.Array:
 
 
 def _in_range(name: str, value: ArrayLike, size: int | None, least: str = "above 0") -> jax.Array:
-    """Numbers (..., size), or (...,) made (..., 1) where there is no size, of which none is less
-    than 0, nor 0 where they are to be above it; those above may be infinite."""
+    """Numbers (..., size), or (...,) where there is no size, in a range; they may be infinite."""
     array = as_floating(name, value)
     if size is not None:
         check_shape(name, array, (size,))
@@ -152,7 +156,7 @@ def _in_range(name: str, value: ArrayLike, size: int | None, least: str = "above
         known = np.asarray(value, float)
         if not np.all(known > 0 if least == "above 0" else known >= 0):
             raise ValueError(f"{name}: expected numbers {least}, got {shown(value)}")
-    return array if size is not None else array[..., None]
+    return array
 
 
 def _check_together(limits: RateLimits) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -46,7 +46,7 @@ class Asked(NamedTuple):
 
     Attributes:
         twist: (..., 6).
-        damping, threshold: (..., 1).
+        damping, threshold: (...,).
         weights: (..., 6), null_motion: (..., n), or None.
         limits: None where there are none.
     """
@@ -69,7 +69,8 @@ def joint_rates_for(
     keep_direction: bool,
 ) -> VelocityResult:
     """The answer at joint vectors q (..., n)."""
-    given = q, asked
+    given = q, _as_vectors(asked)
+    batch: tuple[Any, ...]
     batch = jnp.broadcast_shapes(*(x.shape[:-1] for x in jax.tree.leaves(given)))
     rows = math.prod(batch)
     chunk = max(1, min(at_once(_ROWS, _ROWS_ON_ACCELERATOR), rows))
@@ -92,6 +93,15 @@ def joint_rates_for(
     return jax.tree.map(lambda x: cut_rows(x, batch), answer)
 
 
+def _as_vectors(asked: Asked) -> Asked:
+    """The same with an axis of one number behind what has none."""
+    limits = asked.limits
+    if limits is not None and limits.step is not None:
+        limits = limits._replace(step=limits.step[..., None])
+    damping, threshold = asked.damping[..., None], asked.threshold[..., None]
+    return asked._replace(damping=damping, threshold=threshold, limits=limits)
+
+
 def _solve(
     geometry: Geometry,
     q: jax.Array,
@@ -105,14 +115,14 @@ def _solve(
     # What is not finite gets no rates; with other numbers in its place no derivative is NaN.
     q, asked = jax.tree.map(lambda x: jnp.where(finite, x, 1.0), (q, asked))
     tool, jacobian = _kinematics(geometry, q)
-    problem, selection, weights = _problem(tool, jacobian, asked, frame, task)
+    problem, selection, weights, square = _problem(tool, jacobian, asked, frame, task)
     box = None if asked.limits is None else _box(q, asked.limits)
     x, scale, missed = _answer(problem, box, keep_direction)
     held = jnp.zeros(q.shape, bool) if box is None else (x <= box[0]) | (x >= box[1])
     saturated = held & finite
     short = lanes_in(problem.residual(x)) / weights
     residual = stacked(_in_frame(tool, selection.T @ short, frame), q[0])
-    singular = lanes.sqrt(Lane(squared_smallest_value(problem.matrix))).array
+    singular = lanes.sqrt(Lane(square)).array
     rate, residual, missed = (
         jnp.where(finite, value, otherwise)
         for value, otherwise in ((x, 0.0), (residual, jnp.inf), (missed, jnp.inf))
@@ -168,8 +178,9 @@ def _kinematics(geometry: Geometry, q: jax.Array) -> tuple[Motion, Lanes]:
 
 def _problem(
     tool: Motion, jacobian: Lanes, asked: Asked, frame: VelocityFrame, task: Task
-) -> tuple[Problem, Lanes, Lanes]:
-    """What is to be least, without bounds; the rows that are bound (k, 6), and their weights."""
+) -> tuple[Problem, Lanes, Lanes, jax.Array]:
+    """What is to be least, without bounds; the rows that are bound (k, 6) and their weights; and
+    the square of the smallest singular value."""
     across = task.across()
     chosen = np.zeros((len(across) + 3, 6))
     chosen[: len(across), :3], chosen[len(across) :, 3:] = across, np.eye(3)
@@ -182,16 +193,16 @@ def _problem(
     matrix = stacked(rows, like)
     twist = _in_tool_frame(tool, lanes_in(asked.twist), frame)
     rhs = stacked(lanes.materialised(weights * (selection @ twist)), like)
-    square = damping_square(
-        squared_smallest_value(matrix), asked.damping[0], asked.threshold[0]
-    )
+    smallest = squared_smallest_value(matrix)
+    square = damping_square(smallest, asked.damping[0], asked.threshold[0])
     zero = jnp.zeros_like(matrix[0])
     problem = Problem(matrix, rhs, square, zero, zero - jnp.inf, zero + jnp.inf)
     if asked.null_motion is not None:
-        nothing = jnp.zeros_like
-        still = problem._replace(rhs=nothing(rhs), square=nothing(square))
-        problem = problem._replace(centre=free_least_squares(still._replace(centre=asked.null_motion)))
-    return problem, selection, weights
+        still = problem._replace(rhs=jnp.zeros_like(rhs), square=jnp.zeros_like(square))
+        problem = problem._replace(
+            centre=free_least_squares(still._replace(centre=asked.null_motion))
+        )
+    return problem, selection, weights, smallest
 
 
 def _in_tool_frame(tool: Motion, twist: Lanes, frame: VelocityFrame) -> Lanes:
