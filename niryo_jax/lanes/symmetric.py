@@ -99,7 +99,7 @@ def least_eigenvalue(matrix: Lanes) -> Lane:
     some = trace > 0
     # Powers of a small matrix would be too small for a number.
     per = materialise(select(some, 1.0 / select(some, trace, 1.0), 0.0))
-    diagonal, squares = tridiagonal(materialised(per * matrix))
+    diagonal, squares = tridiagonal(materialised(matrix * per))
     most = functools.reduce(minimum, diagonal)
 
     def step(_: int, start: jax.Array) -> jax.Array:
