@@ -186,7 +186,7 @@ PROXIMAL_REDUNDANT = ByDtype(1e-9, 1e-5)
 """The same for arms with joints to spare: half-way, on a scale of ratios, between 1 and rounding,
 which both the least part of a slope and what it is drawn from must be told from."""
 
-ROUNDING_OF_SLOPE = ByDtype(1e-14, 2e-6)
+ROUNDING_OF_SLOPE = ByDtype(1e-13, 2e-6)
 """A bound is pressed against from the wrong side where the slope is more than this share of its
 size."""
 

