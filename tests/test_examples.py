@@ -165,3 +165,16 @@ def test_collision():
     assert result.all_collide
     assert result.before < 0 < 0.02 <= result.after
     assert result.moved < 20
+
+
+def test_velocity_loop():
+    result = run("17_velocity_loop")
+    assert result.kept
+    assert result.singular < 1e-3
+    assert result.unlimited > 30
+    assert sum(result.statuses.values()) == 801
+    assert result.statuses["REACHED"] > 400
+    assert result.statuses["LIMITED"] > 20
+    assert result.strays[0] < 40
+    assert result.ends[0] < 1
+    assert result.ends[1] < 0.1
