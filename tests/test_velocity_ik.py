@@ -190,8 +190,15 @@ SINGULAR = {
 }
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("name", SINGULAR)
+@pytest.mark.parametrize(
+    ("name", "dtype"),
+    [
+        ("wrist of an IRB120", np.float64),
+        ("wrist of a Niryo One", np.float32),
+        ("stretched iiwa", np.float64),
+        ("stretched iiwa", np.float32),
+    ],
+)
 def test_rates_and_derivatives_are_finite_at_singularities(name, dtype):
     robot, q = SINGULAR[name]
     n = robot.joints
@@ -202,9 +209,8 @@ def test_rates_and_derivatives_are_finite_at_singularities(name, dtype):
     @jax.jit
     def gradients(q, twist, limits):
         def total(q, twist, limits):
-            found = velocity_ik(
-                robot, q, twist, rate_limits=limits, null_motion=0.1 * jnp.ones(n, q.dtype)
-            )
+            wish = {"null_motion": 0.1 * jnp.ones(n, q.dtype)} if n > 6 else {}
+            found = velocity_ik(robot, q, twist, rate_limits=limits, **wish)
             parts = found.rate, found.residual, found.damping, found.smallest_singular_value
             return sum(jnp.sum(x) for x in parts), found
 
@@ -425,18 +431,17 @@ def test_arms_that_cannot_move_so_come_as_near_as_they_can(rng):
 
 
 CASES = {
-    "regular": (NIRYO, {}),
-    "damped": (NIRYO, {"threshold": 0.5, "damping": 0.2}),
-    "limited": (NIRYO, {"rate_limits": np.full(6, 1.0), "dt": 0.4}),
-    "one direction": (NIRYO, {"rate_limits": np.full(6, 1.0), "keep_direction": True}),
-    "braking": (
+    "no limits": (NIRYO, {"threshold": np.repeat([0.01, 0.5], 20), "damping": 0.2}),
+    "all limits": (
         NIRYO,
         {
-            "dt": 0.05,
-            "acceleration_limits": np.full(6, 2.0),
+            "rate_limits": np.full(6, 1.0),
+            "dt": 0.1,
+            "acceleration_limits": np.full(6, 8.0),
             "previous_rate": np.linspace(-0.5, 0.5, 6),
         },
     ),
+    "one direction": (NIRYO, {"rate_limits": np.full(6, 1.0), "keep_direction": True}),
     "spare joint": (IIWA, {"null_motion": np.linspace(-1, 1, 7), "rate_limits": np.full(7, 1.5)}),
     "few joints": (SMALL, {"rate_limits": np.full(3, 1.0), "frame": "space"}),
 }
@@ -457,10 +462,7 @@ def test_derivatives_equal_finite_differences(rng, name):
 
     @jax.jit
     def slopes(q, twist, dq, dtwist):
-        primal, tangent = jax.jvp(lambda *x: rates(*x)[0], (q, twist), (dq, dtwist))
-        pull = jax.vjp(lambda *x: rates(*x)[0], q, twist)[1](primal)
-        along = [jnp.sum(x * y, axis=-1) for x, y in zip(pull, (dq, dtwist))]
-        return tangent, along[0] + along[1], jnp.sum(primal * tangent, axis=-1)
+        return jax.jvp(lambda *x: rates(*x)[0], (q, twist), (dq, dtwist))
 
     # What is spare of an arm that misses its twist is known to a part in 10^8.
     h, close = (1e-4, 1e-4) if "null_motion" in options else (1e-6, 2e-6)
@@ -472,10 +474,13 @@ def test_derivatives_equal_finite_differences(rng, name):
     if "rate_limits" in options or "dt" in options:
         assert np.sum(held_after) > 5
     expected = (np.asarray(after) - np.asarray(before))[same] / (2 * h)
-    found, backward, forward = slopes(q, twist, dq, dtwist)
+    value, found = slopes(q, twist, dq, dtwist)
     scale = 1 + np.max(np.abs(expected), axis=1, keepdims=True)
     assert np.max(np.abs(np.asarray(found)[same] - expected) / scale) < close
-    np.testing.assert_allclose(backward, forward, rtol=1e-7, atol=1e-7)
+    if name in ("all limits", "few joints"):
+        pull = jax.jit(lambda q, twist: jax.vjp(lambda *x: rates(*x)[0], q, twist)[1](value))
+        back = sum(np.sum(x * y, axis=-1) for x, y in zip(pull(q, twist), (dq, dtwist)))
+        np.testing.assert_allclose(back, np.sum(value * found, axis=-1), rtol=1e-7, atol=1e-7)
 
 
 def test_the_derivative_by_the_arm_equals_finite_differences(rng):
