@@ -1,7 +1,8 @@
 """Every benchmark, or those named, each in processes of its own.
 
     python -m benchmarks [lanes floors kinematics lie compiling first_answer devices complete_ik
-                          robots honesty arms workspace uncertainty collision motion] [--save]
+                          robots honesty arms workspace uncertainty collision motion velocity]
+                         [--save]
     python -m benchmarks --gate [--save]      whether anything has become slower (`gate`)
 
 Peers that are not installed are left out and named. Install them with `pip install --group peers`;
@@ -35,6 +36,7 @@ PARTS = (
     "uncertainty",
     "collision",
     "motion",
+    "velocity",
 )
 
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks.md"

@@ -178,3 +178,16 @@ def test_timed_path(tmp_path):
     assert result.off < 1e-9
     assert result.samples == 1 + np.ceil(1e3 * times["fastest"])
     assert picture.exists() == drawing
+
+
+def test_velocity_loop():
+    result = run("17_velocity_loop")
+    assert result.kept
+    assert result.singular < 1e-3
+    assert result.unlimited > 30
+    assert sum(result.statuses.values()) == 801
+    assert result.statuses["REACHED"] > 400
+    assert result.statuses["LIMITED"] > 20
+    assert result.strays[0] < 40
+    assert result.ends[0] < 1
+    assert result.ends[1] < 0.1

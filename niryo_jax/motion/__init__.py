@@ -18,6 +18,8 @@ from niryo_jax.motion.retiming import retime
 from niryo_jax.motion.rungs import PathCost
 from niryo_jax.motion.time_scaling import TimeScaling, cubic_time_scaling, quintic_time_scaling
 from niryo_jax.motion.timed_path import TimedPath
+from niryo_jax.motion.velocity import velocity_ik
+from niryo_jax.motion.velocity_result import VelocityResult, VelocityStatus
 
 __all__ = [
     "BestPath",
@@ -29,6 +31,8 @@ __all__ = [
     "PoseTrajectory",
     "TimeScaling",
     "TimedPath",
+    "VelocityResult",
+    "VelocityStatus",
     "arc",
     "best_path",
     "blend",
@@ -40,4 +44,5 @@ __all__ = [
     "quintic_time_scaling",
     "retime",
     "screw_trajectory",
+    "velocity_ik",
 ]
