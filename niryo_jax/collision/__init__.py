@@ -5,11 +5,9 @@ Links are capsules (`CollisionModel`), obstacles half spaces, boxes, spheres and
 
 from niryo_jax.collision.clearance import (
     Distances,
-    Free,
     clearance,
     collides,
     distances,
-    free,
 )
 from niryo_jax.collision.model import CollisionModel
 from niryo_jax.collision.niryo import niryo_ned, niryo_ned2, niryo_one
@@ -17,12 +15,14 @@ from niryo_jax.collision.sampling import Pruned, prune
 from niryo_jax.collision.segments import box_distance, segment_distance
 from niryo_jax.collision.skeleton import skeleton
 from niryo_jax.collision.urdf import from_urdf
+from niryo_jax.collision.verdict import Free, FreeStatus, free
 from niryo_jax.collision.world import World
 
 __all__ = [
     "CollisionModel",
     "Distances",
     "Free",
+    "FreeStatus",
     "Pruned",
     "World",
     "box_distance",
