@@ -10,7 +10,9 @@ import pytest
 from support import BATCHES
 
 import niryo_jax as nj
+from benchmarks.workspace import poses_at, slow_path
 from niryo_jax import collision as co
+from niryo_jax import workspace as ws
 from niryo_jax.collision import FreeStatus
 
 NIRYO = nj.robots.niryo_one()
@@ -134,3 +136,94 @@ class TestVerdict:
             co.free(NIRYO, MODEL, solutions, margin=np.inf)
         with pytest.raises(ValueError, match=r"solutions: expected shape \(\.\.\., 7\)"):
             co.free(nj.robots.load("kuka_iiwa14"), MODEL, solutions)
+
+
+COUNT, BOX = 24, ((-0.12, -0.12, -0.08), (0.12, 0.12, 0.6))
+CHECK = co.CollisionCheck(co.niryo_one(), co.World.table(0.0), margin=0.001)
+
+
+@pytest.fixture(scope="module")
+def maps():
+    """A plain map, and one without collisions, around the base of the Niryo One."""
+    pytest.importorskip("xarray")
+    pytest.importorskip("zarr")
+    made = (
+        ws.capability_map(NIRYO, 0.04, BOX, COUNT, full=True, collisions=collisions)
+        for collisions in (None, CHECK)
+    )
+    return tuple(made)
+
+
+class TestMaps:
+    def test_every_number_is_that_of_the_slow_path(self, maps):
+        _, found = maps
+        axes = np.meshgrid(*(found[axis] for axis in "xyz"), indexing="ij")
+        poses = poses_at(found, np.stack(axes, axis=-1))
+        truths = slow_path(NIRYO, poses, found.attrs["dexterous"], CHECK)
+        for name, truth in truths.items():
+            np.testing.assert_allclose(found[name], truth, rtol=3e-7, atol=1e-9, err_msg=name)
+        assert "colliding_fraction" in truths
+        count = truths["pose_solutions"]
+        np.testing.assert_array_equal(
+            found.solution_histogram.sum("chunk"), np.bincount(count.ravel(), minlength=17)
+        )
+
+    def test_what_collides_is_what_a_plain_map_has_more(self, maps):
+        plain, found = maps
+        both = found.reachability_index + found.colliding_fraction
+        np.testing.assert_allclose(both, plain.reachability_index, rtol=0, atol=1e-7)
+        assert "colliding_fraction" not in plain
+        assert float(found.colliding_fraction.max()) > 0.3
+        for name in ("reachability_index_unlimited", "undecided_fraction"):
+            np.testing.assert_array_equal(found[name], plain[name])
+
+    def test_nothing_is_reached_inside_the_base(self, maps):
+        """Where the tool point is within the base or the shoulder, or below the table."""
+        plain, found = maps
+        x, y, z = np.meshgrid(*(found[axis] for axis in "xyz"), indexing="ij")
+        inside = np.zeros(x.shape, bool)
+        for name in ("base", "shoulder"):
+            i = CHECK.model.names.index(name)
+            (_, _, low), (_, _, high) = CHECK.model.start[i], CHECK.model.end[i]
+            away = np.sqrt(x**2 + y**2 + (z - np.clip(z, low, high)) ** 2)
+            inside |= away < CHECK.model.radius[i]
+        assert np.all(found.reachability_index.values[inside | (z < 0)] == 0)
+        # The plain map says that half of all orientations are reached there.
+        assert plain.reachability_index.values[inside].max() > 0.4
+        assert found.reachability_index.values.max() > 0.1
+
+    def test_the_store_knows_and_goes_on(self, maps, tmp_path):
+        _, found = maps
+        store = tmp_path / "map.zarr"
+        asked = {"voxel": 0.04, "bounds": BOX, "orientations": COUNT, "full": True}
+        half = ws.capability_map(NIRYO, store=store, collisions=CHECK, share=(0, 2), **asked)
+        assert half.attrs["chunks_missing"] == 1
+        whole = ws.resume(store)
+        assert whole.equals(found)
+        assert whole.attrs == found.attrs
+        assert "free of collisions" in whole.attrs["title"]
+        other = co.CollisionCheck(CHECK.model, CHECK.world, margin=0.002)
+        for collisions in (None, other):
+            with pytest.raises(ws.StoreError, match="it was made with"):
+                ws.capability_map(NIRYO, store=store, collisions=collisions, **asked)
+        again = co.CollisionCheck.from_text(whole.attrs["collisions"])
+        assert again.text() == CHECK.text()
+
+    def test_placements_stay_clear(self, maps):
+        """A pose within the base, which the arm can take by passing through itself."""
+        plain, found = maps
+        at = np.argwhere((plain.pose_solutions.values > 0) & (found.pose_solutions.values == 0))[0]
+        task = poses_at(plain, np.array([plain[axis][i] for axis, i in zip("xyz", at[:3])]))[at[3]]
+        asked = {"region": ((0, 0), (0, 0)), "headings": 1}
+        assert ws.base_placement(plain, task[None], **asked).share == [1.0]
+        assert len(ws.base_placement(found, task[None], **asked).base) == 0
+        assert ws.collisions_of(plain) is None
+        assert ws.collisions_of(found).margin == CHECK.margin
+
+    @pytest.mark.parametrize("collisions", [CHECK.model, "niryo_one"])
+    def test_what_is_no_check_is_named(self, collisions):
+        with pytest.raises(TypeError, match="collisions: expected a CollisionCheck or None"):
+            ws.MapSpec.of(NIRYO, 0.1, BOX, 4, collisions=collisions)
+        scara = nj.robots.load("abb_irb910sc")
+        with pytest.raises(ValueError, match="links of an arm of 4 joints"):
+            ws.pose_measures(scara, np.eye(4), collisions=CHECK)

@@ -125,6 +125,14 @@ def check_margin(margin: Any) -> float:
     return check_number("margin", margin, "a finite number", lambda x: bool(np.isfinite(x)))
 
 
+def check_fits(robot: Robot, model: CollisionModel) -> None:
+    """Raise a ValueError unless the arm has all links of the model."""
+    if max(model.links) > robot.joints:
+        raise ValueError(
+            f"model: expected links of an arm of {robot.joints} joints, got link {max(model.links)}"
+        )
+
+
 def _checked(
     robot: Robot, model: CollisionModel, q: ArrayLike, world: World | None
 ) -> tuple[jax.Array, Shapes, Layout]:
@@ -134,8 +142,5 @@ def _checked(
     check_is_world(world)
     q = as_floating("q", q)
     check_shape("q", q, (robot.joints,))
-    if max(model.links) > robot.joints:
-        raise ValueError(
-            f"model: expected links of an arm of {robot.joints} joints, got link {max(model.links)}"
-        )
+    check_fits(robot, model)
     return q, *shapes_of(model, world, q)

@@ -143,11 +143,14 @@ def free(
     check_is_robot(robot)
     check_shape("solutions", solutions.q, (robot.joints,))
     apart = clearance(robot, model, solutions.q, world)
-    return Free(*_judged(apart, solutions, margin), solutions)
+    clear, apart, status, proved = _judged(apart, solutions, margin)
+    return Free(clear, apart, status, proved, solutions)
 
 
 @jax.jit
-def _judged(apart: jax.Array, solutions: IKSolutions, margin: float) -> tuple[jax.Array, ...]:
+def _judged(
+    apart: jax.Array, solutions: IKSolutions, margin: float
+) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
     """What `Free` says of solutions, of which this is the clearance."""
     apart = jnp.where(solutions.found, apart, -jnp.inf)
     clear = solutions.found & (apart > margin)
