@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import jax
 import numpy as np
@@ -227,3 +228,98 @@ class TestMaps:
         scara = nj.robots.load("abb_irb910sc")
         with pytest.raises(ValueError, match="links of an arm of 4 joints"):
             ws.pose_measures(scara, np.eye(4), collisions=CHECK)
+
+
+PICK = ["0.148", "-0.148", "0.088", "--rpy", "0", "90", "0", "--degrees"]
+GRIPPER = ["--collision", "--collision-tool", "gripper_1"]
+
+
+class TestCommandIk:
+    @pytest.fixture(autouse=True)
+    def _needs(self):
+        pytest.importorskip("typer")
+        pytest.importorskip("rich")
+
+    def test_each_solution_has_its_clearance(self, as_json):
+        code, document = as_json("ik", *PICK, *GRIPPER, "--table", "0")
+        assert code == 0
+        assert document["collisions"]["status"] == "FREE"
+        assert document["collisions"]["proved"]
+        for solution in document["solutions"]:
+            least = co.distances(NIRYO, MODEL, solution["joints_rad"], co.World.table(0.0))
+            assert solution["clearance_m"] == pytest.approx(float(least.distance.min()), abs=1e-12)
+            assert tuple(solution["nearest_pair"]) == least.nearest_pair()
+            assert solution["collides"] == (solution["clearance_m"] <= 0)
+
+    def test_people_see_it_too(self, cli):
+        code, out, _ = cli("ik", *PICK, *GRIPPER, "--table", "0")
+        assert code == 0
+        assert "clearance (mm)" in out
+        assert re.search(r"1 +-45\.00 .* 2\.9 +tool, table", out)
+        assert "Free of collisions within the limits: 1; most clearance: 1, 2.9 mm." in out
+
+    def test_a_pose_at_which_all_collide_has_its_own_exit_code(self, cli, as_json):
+        arguments = ["ik", *PICK, *GRIPPER, "--table", "0.05"]
+        code, document = as_json(*arguments)
+        assert code == document["exit_code"] == 8
+        assert document["status"] == "SOLVED"
+        assert document["collisions"]["status"] == "COLLIDING"
+        assert "it is proved, for the shapes given" in document["error"]
+        code, out, err = cli(*arguments)
+        assert code == 8
+        assert "error: Solutions were found, and every one of them collides." in err
+        assert "tool, table" in out
+        assert as_json(*arguments[:-1], "0", "--margin", "0.01")[0] == 8
+
+    def test_without_it_nothing_is_said(self, as_json):
+        code, document = as_json("ik", *PICK)
+        assert code == 0
+        assert "collisions" not in document
+        assert "clearance_m" not in document["solutions"][0]
+
+    @pytest.mark.parametrize(
+        ("options", "said"),
+        [
+            (["--table", "0"], "--table goes with --collision"),
+            (["--margin", "0.1"], "--margin goes with --collision"),
+            (["--collision", "--margin", "nan"], "--margin: expected a finite number"),
+            (["--collision", "--table", "inf"], "--table: expected a finite number"),
+            (["--collision", "--collision-tool", "drill"], "--collision-tool: expected one of"),
+            (["--collision", "--robot", "ur16e"], "give one: --collision-model FILE.urdf"),
+            (["--collision", "--collision-model", "no.urdf"], "--collision-model: no.urdf"),
+        ],
+    )
+    def test_mistakes_are_named(self, cli, options, said):
+        code, _, err = cli("ik", *PICK, *options)
+        assert code == 2
+        assert said in err
+
+    def test_a_description_is_a_shape(self, as_json, tmp_path):
+        pytest.importorskip("yourdfpy")
+        file = tmp_path / "two.urdf"
+        file.write_text(TWO_LINKS)
+        arguments = ["ik", "0", "0.5", "0.5", "--radians", "--task", "position"]
+        arguments += ["--robot", file, "--collision", "--collision-model", file]
+        code, document = as_json(*arguments)
+        assert (code, document["collisions"]["status"]) == (0, "FREE")
+        code, document = as_json(*arguments, "--table", "0.6")
+        assert (code, document["collisions"]["status"]) == (8, "COLLIDING")
+        code, document = as_json("ik", *PICK, "--collision", "--collision-model", file)
+        assert code == 2
+        assert "its joints are not those of niryo_one" in document["error"]
+
+
+TWO_LINKS = """<robot name="two">
+  <link name="base"/>
+  <joint name="a" type="revolute"><parent link="base"/><child link="first"/>
+    <axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+  <link name="first"/>
+  <joint name="b" type="revolute"><parent link="first"/><child link="arm"/>
+    <origin xyz="0 0 0.5"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+  <link name="arm"><collision><origin xyz="0.25 0 0" rpy="0 1.5707963 0"/>
+    <geometry><cylinder radius="0.02" length="0.5"/></geometry></collision></link>
+  <joint name="c" type="fixed"><parent link="arm"/><child link="tip"/>
+    <origin xyz="0.5 0 0"/></joint>
+  <link name="tip"/>
+</robot>"""

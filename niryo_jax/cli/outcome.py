@@ -21,6 +21,7 @@ class ExitCode(Code):
     MISSING_EXTRA = 5, "an optional package is not installed"
     STORE = 6, "a map's store cannot be used or written"
     OUTPUT = 7, "standard output is closed or full"
+    COLLISION = 8, "all joint angles within the limits, or a move of a plan, collide"
     INTERRUPTED = interruption.INTERRUPTED, "interrupted with Ctrl-C"
     PIPE = 141, "the program that read the output ended before its end"
 
