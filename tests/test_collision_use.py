@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 
 import jax
@@ -323,3 +324,45 @@ TWO_LINKS = """<robot name="two">
     <origin xyz="0.5 0 0"/></joint>
   <link name="tip"/>
 </robot>"""
+
+
+class TestCommandMap:
+    """`workspace map`, `resume` and `info` of a map that looks at collisions."""
+
+    @pytest.fixture
+    def made(self, maps, tmp_path):
+        """The map of `CHECK` as the command asks for it: the store, and what was said."""
+        pytest.importorskip("typer")
+        pytest.importorskip("rich")
+        del maps
+        store = tmp_path / "one.zarr"
+        corners = [x for corner in BOX for x in corner]
+        arguments = ["workspace", "map", "niryo_one", "--voxel", 0.04, "--orientations", COUNT]
+        arguments += ["--bounds", *corners, "--full", "-o", store]
+        arguments += ["--collision", "--table", 0, "--margin", 0.001]
+        return store, arguments
+
+    def test_it_is_that_of_the_library(self, made, maps, cli, as_json):
+        store, arguments = made
+        _, found = maps
+        code, out, err = cli(*arguments, "--json")
+        assert code == 0
+        size = found.reachability_index.size
+        assert f"niryo_one, free of collisions: {size} voxels" in err
+        document = json.loads(out)
+        assert document["collisions"] == "none with itself, table, 1 mm apart"
+        colliding = float(found.colliding_fraction.sum()) * COUNT
+        assert document["poses_colliding"] == round(colliding) > 0
+        opened = ws.open_map(store)
+        assert opened.equals(found)
+        assert opened.attrs == found.attrs
+        for again in (["workspace", "resume", store], ["workspace", "info", store]):
+            assert as_json(*again) == (0, document)
+        code, _, err = cli(*arguments[:-2])
+        assert code == 6
+        assert "it was made with collisions = " in err
+
+    def test_an_arm_without_a_shape_is_told_how_to_give_one(self, cli):
+        code, _, err = cli("workspace", "map", "ur16e", "--collision", "--dry-run")
+        assert code == 2
+        assert "give one: --collision-model FILE.urdf" in err

@@ -314,8 +314,8 @@ def _announce(spec: ws.MapSpec, where: Path) -> None:
     grid = spec.grid
     free = "" if spec.collisions is None else ", free of collisions"
     said = (
-        f"{spec.robot.name}{free}: {grid.size:,} voxels of {grid.voxel:g} m x {len(spec.quaternions):,} "
-        f"orientations = {spec.poses:,} poses, to {where} (the bar stands while JAX compiles)"
+        f"{spec.robot.name}{free}: {grid.size:,} voxels of {grid.voxel:g} m x "
+        f"{len(spec.quaternions):,} orientations = {spec.poses:,} poses, to {where} (the bar stands while JAX compiles)"
     )
     # As text, for names may look like markup.
     stderr().print(Text(said))
