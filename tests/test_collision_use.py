@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import re
 
@@ -16,6 +17,9 @@ from benchmarks.workspace import poses_at, slow_path
 from niryo_jax import collision as co
 from niryo_jax import workspace as ws
 from niryo_jax.collision import FreeStatus
+from niryo_jax.hardware import SimulatedNiryo
+from niryo_jax.hardware.pick_and_place import plan, steps_for
+from niryo_jax.hardware.plan_clearance import StepCollides, check_approach, check_plan
 
 NIRYO = nj.robots.niryo_one()
 MODEL = co.niryo_one("gripper_1")
@@ -366,3 +370,121 @@ class TestCommandMap:
         code, _, err = cli("workspace", "map", "ur16e", "--collision", "--dry-run")
         assert code == 2
         assert "give one: --collision-model FILE.urdf" in err
+
+
+TABLE = co.CollisionCheck(MODEL, co.World.table(0.0))
+
+
+@pytest.fixture(scope="module")
+def planned():
+    return plan(NIRYO)
+
+
+class TestPlan:
+    """Table 2.1, looked at before it is sent."""
+
+    def test_the_published_poses_are_clear_of_the_table(self, planned):
+        """The jaws of gripper 1 end 3 mm above the table, half a millimetre less for its tilt."""
+        found = check_plan(planned, TABLE)
+        assert found.tightest == 2
+        assert found.pairs[2] == ("tool", "table")
+        assert found.clearance[2] == pytest.approx(0.088 - 0.085, abs=2e-4)
+        assert np.all(found.clearance > 0.0025)
+
+    def test_it_is_what_looking_closer_finds(self, planned):
+        found = check_plan(planned, TABLE, np.zeros(6))
+        stops = [np.zeros(6), *(step.joints for step in planned.steps)]
+        for step, (start, end) in enumerate(itertools.pairwise(stops)):
+            way = start + np.linspace(0, 1, 5_001)[:, None] * (end - start)
+            least = np.asarray(TABLE.clearance(NIRYO, way))
+            assert found.clearance[step] == pytest.approx(np.min(least), abs=0.6e-3)
+
+    def test_a_way_that_collides_is_refused_though_its_ends_are_free(self, planned):
+        # In the middle of the way of step 6, from the object to its destination.
+        post = co.World.capsules([[0.21, 0, 0.0]], [[0.21, 0, 0.25]], [0.01], names=["post"])
+        check = co.CollisionCheck(MODEL, post)
+        ends = np.stack([step.joints for step in planned.steps])
+        assert np.all(check.keeps(NIRYO, ends)[1:9])
+        later = dataclasses.replace(planned, steps=planned.steps[1:9])
+        with pytest.raises(
+            StepCollides, match=r"step 5 \(Approach above the destination\)"
+        ) as told:
+            check_plan(later, check)
+        error = told.value
+        assert (error.step, error.pair[1]) == (5, "post")
+        assert error.distance < 0
+        assert f"{error.pair[0]} and post penetrate by {-1e3 * error.distance:.1f} mm" in str(error)
+
+    def test_a_margin_is_kept(self, planned):
+        with pytest.raises(StepCollides, match=r"come as near as 2\.9 mm \(margin 5\.0 mm\)"):
+            check_plan(planned, dataclasses.replace(TABLE, margin=0.005))
+        check_plan(planned, dataclasses.replace(TABLE, margin=0.002))
+
+    def test_the_way_from_where_the_arm_stands(self, planned):
+        check_approach(planned, TABLE, np.zeros(6))
+        low = np.deg2rad([90.0, -60.0, -35.0, 0.0, 0.0, 0.0])
+        with pytest.raises(StepCollides, match=r"step 1 \(Starting position\)"):
+            check_approach(planned, TABLE, low)
+
+    @pytest.mark.parametrize("name", ["niryo_ned", "niryo_ned2"])
+    def test_the_other_arms_are_clear_too(self, name):
+        robot = nj.robots.load(name)
+        check = co.CollisionCheck(co.shipped(robot, "gripper_1"), co.World.table(0.0))
+        assert np.min(check_plan(plan(robot, steps_for(robot)), check).clearance) > 0.0025
+
+    def test_nothing_to_look_at(self, planned):
+        nothing = co.CollisionCheck(MODEL.allow(MODEL.pair_names()))
+        assert np.all(np.isinf(check_plan(planned, nothing).clearance))
+
+
+class TestCommandPlan:
+    @pytest.fixture(autouse=True)
+    def _needs(self):
+        pytest.importorskip("typer")
+        pytest.importorskip("rich")
+
+    def test_a_dry_run_says_how_clear_it_is(self, cli, as_json):
+        code, out, _ = cli("pick-and-place", "--dry-run")
+        assert code == 0
+        assert "Least clearance: 2.9 mm, of tool and table, in step 3 (Descent to" in out
+        code, document = as_json("pick-and-place", "--dry-run")
+        assert code == 0
+        assert document["clearance"]["pair"] == ["tool", "table"]
+        assert document["clearance"]["step"] == 3
+        assert len(document["clearance"]["steps_m"]) == 10
+
+    def test_a_plan_that_collides_is_refused(self, as_json):
+        # The longer gripper reaches through the table.
+        arguments = ["pick-and-place", "--dry-run", "--tool", "gripper_2"]
+        code, document = as_json(*arguments)
+        assert code == document["exit_code"] == 8
+        assert document["collision"]["pair"] == ["tool", "table"]
+        assert document["collision"]["distance_m"] == pytest.approx(-0.029, abs=1e-3)
+        assert re.search(r"step 3 \(Descent.*penetrate by 29\.\d mm", document["error"])
+        assert as_json(*arguments, "--table", "-0.03")[0] == 0
+        code, document = as_json(*arguments, "--no-collision-check")
+        assert (code, document["clearance"]) == (0, None)
+
+    def test_nothing_is_sent_of_it(self, cli):
+        pytest.importorskip("pyniryo")
+        with SimulatedNiryo(time_scale=1000.0) as simulated:
+            host = ["--host", simulated.address]
+            code, _, err = cli("pick-and-place", *host, "--table", "0.01")
+            assert code == 8
+            assert "penetrate by" in err
+            # From the table up: the way to the first step is looked at once it is known.
+            simulated.arm.joints[:] = np.deg2rad([90.0, -60.0, -35.0, 0.0, 0.0, 0.0])
+            code, _, err = cli("pick-and-place", *host)
+            assert code == 8
+            assert "step 1 (Starting position)" in err
+            sent = {request.command for request in simulated.received}
+        assert not {"MOVE_JOINTS", "OPEN_GRIPPER", "CLOSE_GRIPPER"} & sent
+
+    def test_an_arm_without_a_shape_is_not_looked_at_and_that_is_said(self, cli):
+        code, out, err = cli("pick-and-place", "--dry-run", "--robot", "niryo_one_report")
+        assert code == 0
+        assert "collisions are not looked at" in err
+        assert "Least clearance" not in out
+        code, _, err = cli("pick-and-place", "--dry-run", "--no-collision-check", "--table", "0")
+        assert code == 2
+        assert "--no-collision-check goes without" in err

@@ -56,6 +56,7 @@ def as_failure(error: Exception) -> Failure:
     # Not above: most commands need neither a robot nor a map, and importing them takes its time.
     from niryo_jax.hardware import ArgumentRejected, NiryoError, PyniryoMissing
     from niryo_jax.hardware.pick_and_place import StepUnsolvable
+    from niryo_jax.hardware.plan_clearance import StepCollides
     from niryo_jax.workspace import StoreError
 
     match error:
@@ -63,6 +64,8 @@ def as_failure(error: Exception) -> Failure:
             return error
         case StepUnsolvable():
             code = ExitCode.NO_SOLUTION
+        case StepCollides():
+            code = ExitCode.COLLISION
         case PyniryoMissing():
             code = ExitCode.MISSING_EXTRA
         case ArgumentRejected():

@@ -315,7 +315,8 @@ def _announce(spec: ws.MapSpec, where: Path) -> None:
     free = "" if spec.collisions is None else ", free of collisions"
     said = (
         f"{spec.robot.name}{free}: {grid.size:,} voxels of {grid.voxel:g} m x "
-        f"{len(spec.quaternions):,} orientations = {spec.poses:,} poses, to {where} (the bar stands while JAX compiles)"
+        f"{len(spec.quaternions):,} orientations = {spec.poses:,} poses, to {where} "
+        "(the bar stands while JAX compiles)"
     )
     # As text, for names may look like markup.
     stderr().print(Text(said))
