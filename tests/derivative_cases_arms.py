@@ -10,7 +10,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import pose_sets
-from derivatives import Answer, Case, NoDerivative, motion
+from derivatives import Answer, Case, NoDerivative, Tier, motion
 from support import product_of_exponentials
 
 import niryo_jax as nj
@@ -145,22 +145,30 @@ def solutions(
     return Answer(answer.q, flag.astype(jnp.int32), found)
 
 
-def _by_pose(robot: nj.Robot, note: str, q: np.ndarray, **options: Any) -> Case:
-    """Complete inverse kinematics of an arm, by the pose."""
-    tier = options.pop("tier", "slow")
+def _by_pose(
+    robot: nj.Robot, note: str, q: np.ndarray, *, tier: Tier = "slow", **options: Any
+) -> Case:
+    """Inverse kinematics by the pose; of joints to spare no difference finds the least rates."""
+    posture, home = pose_of(robot, q), pose_of(robot, 0 * q)
+    spare = options.get("task") == "position"
+    singular = {
+        "out of reach": NoDerivative((FAR,), "0", int(nj.IKStatus.UNREACHABLE)),
+        "no rigid motion": NoDerivative((NO_MOTION,), "0", int(nj.IKStatus.INVALID_POSE)),
+        "home, singular": NoDerivative((home,), LEAST),
+    }
+    if spare:
+        singular = {"joints to spare": NoDerivative((posture,), LEAST)} | singular
+        del singular["no rigid motion"]
     return Case(
         "inverse_kinematics",
         functools.partial(solutions, robot, **options),
         {"pose": "motion"},
-        {"a posture": (pose_of(robot, q),)},
-        {
-            "out of reach": NoDerivative((FAR,), "0", int(nj.IKStatus.UNREACHABLE)),
-            "no rigid motion": NoDerivative((NO_MOTION,), "0", int(nj.IKStatus.INVALID_POSE)),
-            "home": NoDerivative((pose_of(robot, 0 * q),), LEAST),
-        },
+        {} if spare else {"a posture": (posture,)},
+        singular,
         note=note,
         jitted=False,
         turns=True,
+        joints=len(q),
         single=2e-2,
         tier=tier,
     )
@@ -177,7 +185,7 @@ SOLVERS = [
     _by_pose(UR, "three parallel axes", Q),
     _by_pose(IIWA, "seven joints", Q7),
     _by_pose(NIRYO, "the position alone", Q, task="position"),
-    _by_pose(NIRYO, "one axis of the tool", Q, task="direction"),
+    _by_pose(NIRYO, "one axis of the tool", Q, task="direction", tool_axis=(1, 0, 0)),
     _by_pose(NIRYO, "from many guesses", Q, method="multistart"),
     _by_pose(NIRYO, "from seeds", Q, method="seeded"),
     Case(
@@ -193,6 +201,7 @@ SOLVERS = [
         note="by the geometry",
         jitted=False,
         turns=True,
+        joints=6,
         single=2e-2,
         tier="slow",
     ),
@@ -211,10 +220,10 @@ SOLVERS = [
     ),
     Case(
         "newton_raphson",
-        lambda s, m, pose, q0: _newton(built(s, m), pose, q0, task="position"),
-        GEOMETRY | {"pose": "motion"},
-        {"a posture": (pose_of(SMALL, Q2), Q2 + 0.05)},
-        shared=OF_SMALL,
+        lambda s, m, pose, q0: _newton(built(s, m, NIRYO), pose, q0),
+        GEOMETRY | {"pose": "motion", "q0": "free"},
+        {"a posture": (pose_of(NIRYO, Q), Q + 0.05)},
+        shared=(NIRYO.screws, NIRYO.home),
         note="by the geometry",
         jitted=False,
         single=2e-2,

@@ -23,6 +23,8 @@ import niryo_jax as nj
 Kind = Literal["free", "rotation", "motion", "screw", "axis", "symmetric"]
 """What an argument is, and so how it may move: a rotation stays one, axes of one point move as one."""
 
+Tier = Literal["quick", "heavy", "slow"]
+
 
 @dataclasses.dataclass(frozen=True)
 class NoDerivative:
@@ -69,6 +71,7 @@ class Case:
         jitted: whether everything is one program; False for solvers that bring their own.
         step: of the finite differences.
         turns: whether values are angles, of which whole turns do not count.
+        joints: where values are joint vectors in no order of their own, of how many joints.
         single: by how much derivatives in float32 may differ from those in float64, of the largest.
         tier: "quick": in the default run; "heavy": in float32 only in the tier `completeness`;
             "slow": only there.
@@ -84,8 +87,13 @@ class Case:
     jitted: bool = True
     step: float = 1e-4
     turns: bool = False
+    joints: int = 0
     single: float = 2e-4
-    tier: Literal["quick", "heavy", "slow"] = "quick"
+    tier: Tier = "quick"
+
+    def __post_init__(self) -> None:
+        for name, at in {**self.regular, **{k: p.at for k, p in self.singular.items()}}.items():
+            assert len(self.shared) + len(at) == len(self.by), f"{self.label}, {name}"
 
     @property
     def label(self) -> str:
