@@ -72,11 +72,27 @@ def _by_joints(name: str, given: str) -> list[Case]:
         "wrist singular": NoDerivative((WRIST,), given),
     }
     return [
-        Case(name, functools.partial(measure, SPHERICAL), {"q": "free"}, {"a posture": (Q,)}, edges),
-        Case(name, of_geometry(measure), GEOMETRY | {"q": "free"}, {"a posture": (Q2,)},
-             shared=OF_SMALL, note="by the geometry", tier="slow"),
-        Case(name, functools.partial(measure, IIWA), {"q": "free"}, {"a posture": (Q7,)},
-             {"stretched": NoDerivative((np.zeros(7),), given)}, note="seven joints", tier="slow"),
+        Case(
+            name, functools.partial(measure, SPHERICAL), {"q": "free"}, {"a posture": (Q,)}, edges
+        ),
+        Case(
+            name,
+            of_geometry(measure),
+            GEOMETRY | {"q": "free"},
+            {"a posture": (Q2,)},
+            shared=OF_SMALL,
+            note="by the geometry",
+            tier="slow",
+        ),
+        Case(
+            name,
+            functools.partial(measure, IIWA),
+            {"q": "free"},
+            {"a posture": (Q7,)},
+            {"stretched": NoDerivative((np.zeros(7),), given)},
+            note="seven joints",
+            tier="slow",
+        ),
     ]
 
 
@@ -134,9 +150,7 @@ CHAINS = [
 ]
 
 
-def solutions(
-    robot: nj.Robot, pose: Any, *, singularity: bool = False, **options: Any
-) -> Answer:
+def solutions(robot: nj.Robot, pose: Any, *, singularity: bool = False, **options: Any) -> Answer:
     """Joint vectors; as the flag the status, or whichever singularity is the gravest."""
     answer = nj.inverse_kinematics(robot, pose, **options)
     found = jnp.broadcast_to(answer.found[..., None], answer.q.shape)
@@ -177,6 +191,16 @@ def _by_pose(
 def _newton(robot: nj.Robot, pose: Any, q0: Any, **options: Any) -> Answer:
     answer = nj.newton_raphson(robot, pose, q0, **options)
     return Answer(answer.q, answer.converged.astype(jnp.int32))
+
+
+def _chosen(name: str, pose: Any) -> Any:
+    answer = nj.inverse_kinematics(SPHERICAL, pose)
+    given = (SPHERICAL,) if name == "most_manipulable" else ()
+    return getattr(answer, name)(*given)[0]
+
+
+def _parts(robot: nj.Robot) -> tuple[Any, Any]:
+    return robot.screws[None], robot.home[None]
 
 
 SOLVERS = [
@@ -228,5 +252,91 @@ SOLVERS = [
         jitted=False,
         single=2e-2,
         tier="slow",
+    ),
+    Case(
+        "IKSolutions.nearest",
+        lambda pose, q: nj.inverse_kinematics(SPHERICAL, pose).nearest(q)[0],
+        {"pose": "motion", "q_ref": "free"},
+        {
+            "a posture": (pose_of(SPHERICAL, Q), Q + 0.1),
+            "out of reach, where it is the reference": (FAR, Q),
+        },
+        {"home, singular": NoDerivative((pose_of(SPHERICAL, 0 * Q), 0 * Q), LEAST)},
+        jitted=False,
+        turns=True,
+        single=2e-2,
+    ),
+    *(
+        Case(
+            f"IKSolutions.{name}",
+            functools.partial(_chosen, name),
+            {"pose": "motion"},
+            {"a posture": (pose_of(SPHERICAL, Q),)},
+            {
+                "out of reach": NoDerivative((FAR,), "0"),
+                "home, singular": NoDerivative((pose_of(SPHERICAL, 0 * Q),), LEAST),
+            },
+            jitted=False,
+            turns=True,
+            single=2e-2,
+        )
+        for name in ("farthest_from_limits", "most_manipulable")
+    ),
+    Case(
+        "ik.seeded_branches",
+        lambda pose: nj.ik.seeded_branches(NIRYO, pose).newton.q,
+        {"pose": "motion"},
+        {"a posture": (pose_of(NIRYO, Q),)},
+        {"out of reach": NoDerivative((FAR,), "0")},
+        note="where it converges",
+        jitted=False,
+        turns=True,
+        single=2e-2,
+        tier="slow",
+    ),
+    Case(
+        "ik.wrap_into_limits",
+        lambda q: nj.ik.wrap_into_limits(
+            q, *(jnp.full(6, x, q.dtype) for x in (-4, 4)), (True,) * 6
+        ),
+        {"q": "free"},
+        {"turned": (Q + 6 * np.pi,)},
+        {"where the turn changes": NoDerivative((np.pi * np.ones(6),), "1")},
+    ),
+    Case(
+        "Robot.from_screws",
+        lambda s, m: _parts(nj.Robot.from_screws(s[0], m[0])),
+        GEOMETRY,
+        {"an arm": OF_SMALL},
+    ),
+    Case(
+        "Robot.from_body_screws",
+        lambda s, m: _parts(nj.Robot.from_body_screws(s[0], m[0])),
+        GEOMETRY,
+        {"an arm": OF_SMALL},
+    ),
+    Case(
+        "Robot.from_axes",
+        lambda *x: _parts(nj.Robot.from_axes(*(part[0] for part in x))),
+        {"axes": "free", "points": "free", "home": "motion"},
+        {"an arm": (SMALL.screws[:, :3], [[0, 0, 0.1], [0.3, 0, 0.2]], SMALL.home)},
+    ),
+    Case(
+        "Robot.with_tool",
+        lambda s, m, tool: _parts(built(s[0], m[0]).with_tool(tool[0])),
+        GEOMETRY | {"tool": "motion"},
+        {"an arm": (*OF_SMALL, SMALL.home)},
+    ),
+    Case(
+        "Robot.body_screws",
+        lambda s, m: built(s[0], m[0]).body_screws[None],
+        GEOMETRY,
+        {"an arm": OF_SMALL},
+    ),
+    Case(
+        "robots.from_dh",
+        lambda table: _parts(nj.robots.from_dh(table[0])),
+        {"table": "free"},
+        {"an arm": ([[0.1, 0.2, 0.3, 0.4], [0.3, -0.2, 0.1, 0.0]],)},
     ),
 ]

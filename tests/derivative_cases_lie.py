@@ -32,9 +32,9 @@ VECTORS: dict[str, tuple[Any, ...]] = {
     "half turn": (tuple(PI_ * AXIS),),
     "whole turn": (tuple(2 * PI_ * AXIS),),
 }
-TWISTS = {
-    name: ((*w, 0.3, -0.2, 0.6),) for name, (w,) in VECTORS.items()
-} | {"zero": (np.zeros(6),)}
+TWISTS = {name: ((*w, 0.3, -0.2, 0.6),) for name, (w,) in VECTORS.items()} | {
+    "zero": (np.zeros(6),)
+}
 # The logarithm has a cut at the half turn, which no difference may cross.
 ROTATIONS = {
     "a turn": (rotation(*W),),
@@ -42,10 +42,15 @@ ROTATIONS = {
     "near the identity": (rotation(1e-9, -2e-9, 1e-9),),
     "near a half turn": (rotation(*(3.14 * AXIS)),),
 }
-POSES = {name: (motion(*w, 0.3, -0.2, 0.6),) for name, w in (
-    ("a turn", W), ("identity", (0, 0, 0)), ("near the identity", (1e-9, -2e-9, 1e-9)),
-    ("near a half turn", tuple(3.14 * AXIS)),
-)}
+POSES = {
+    name: (motion(*w, 0.3, -0.2, 0.6),)
+    for name, w in (
+        ("a turn", W),
+        ("identity", (0, 0, 0)),
+        ("near the identity", (1e-9, -2e-9, 1e-9)),
+        ("near a half turn", tuple(3.14 * AXIS)),
+    )
+}
 BRANCH = "that of the vector returned"
 NOTHING = "0"
 

@@ -145,9 +145,7 @@ def rate(kind: Kind, x: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return direction
 
 
-def directions(
-    case: Case, x: tuple[np.ndarray, ...], rng: np.random.Generator
-) -> list[np.ndarray]:
+def directions(case: Case, x: tuple[np.ndarray, ...], rng: np.random.Generator) -> list[np.ndarray]:
     """A random direction for each argument."""
     out = []
     rigid = rng.standard_normal((len(case.names), 6))
