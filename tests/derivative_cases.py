@@ -27,7 +27,7 @@ _REASONS = {
         robots.from_mjcf robots.from_urdf robots.to_urdf collision.from_urdf
         calibration.read_measurements workspace.from_npz workspace.to_npz workspace.to_ply
         workspace.open_map workspace.resume""",
-    "what is found depends on numbers that are known; follow what it returns by `newton_raphson`": """
+    "looks at known numbers; `newton_raphson` follows what it returns": """
         follow nearest_reachable motion.best_path SolutionCurves.nearest
         SolutionCurves.farthest_from_limits SolutionCurves.most_manipulable""",
     "structure and bounds of a known arm": """

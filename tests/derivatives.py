@@ -21,7 +21,7 @@ from support import LD, adjoint_matrix, expm, hat3, hat6, rigid
 import niryo_jax as nj
 
 Kind = Literal["free", "rotation", "motion", "screw", "axis", "symmetric"]
-"""What an argument is, and so how it may move: a rotation stays one, axes of one point move as one."""
+"""What an argument is, and so how it may move: a rotation stays one, axes move as one."""
 
 Tier = Literal["quick", "heavy", "slow"]
 

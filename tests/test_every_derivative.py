@@ -1,4 +1,4 @@
-"""Every public function: derivatives in both modes, against differences, finite where none exist."""
+"""Every public function: derivatives in both modes, against differences, and always finite."""
 
 from __future__ import annotations
 
@@ -51,6 +51,8 @@ class Law:
         for name, bar in zip(self.case.by, found.bars):
             assert np.all(np.isfinite(bar)), f"{name}: reverse mode is not finite"
         regular = len(self.case.regular)
+        for (name, point), row in zip(self.case.singular.items(), found.rate[regular:]):
+            assert point.given != "0" or not np.any(row), f"{name}: {np.abs(row).max()} for 0"
         for name, flag, have in zip(self.case.singular, self.case.flags, found.flag[regular:]):
             assert flag is None or have == flag, f"{name}: flag {have}"
 
