@@ -497,6 +497,30 @@ def test_the_derivative_by_the_arm_equals_finite_differences(rng):
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
 
 
+def test_infinite_limits_limit_nothing_and_have_no_derivative():
+    q, twist = np.array([0.3, -0.4, 0.5]), np.ones(6)
+    free = velocity_ik(SMALL, q, twist).rate
+
+    @jax.jit
+    def total(dt, change):
+        found = velocity_ik(
+            SMALL,
+            q,
+            twist,
+            rate_limits=np.full(3, np.inf),
+            dt=dt,
+            acceleration_limits=change,
+            previous_rate=np.zeros(3),
+        )
+        return jnp.sum(found.rate), found.rate
+
+    assert np.all(np.isinf(SMALL.upper))
+    slopes, rate = jax.grad(total, (0, 1), has_aux=True)(0.1, np.full(3, 1e3))
+    np.testing.assert_allclose(rate, free, atol=1e-12)
+    for slope in slopes:
+        np.testing.assert_array_equal(slope, 0)
+
+
 # Batches, types, arguments
 
 

@@ -1,4 +1,4 @@
-"""Trajectories: paths between two joint vectors or two poses, and how they are run through in time.
+"""Trajectories between two joint vectors or poses, ways through many, and joint rates for twists.
 
 Lynch & Park, *Modern Robotics*, sections 9.1 and 9.2.
 """

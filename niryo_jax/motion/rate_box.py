@@ -63,12 +63,13 @@ def _towards(room: jax.Array, step: jax.Array, acceleration: jax.Array | None) -
     is the room, the second for braking afterwards; v - acceleration step then satisfies the same
     for what is left of the room, so that the limit can be kept to the end.
     """
-    straight = room / step
-    if acceleration is None:
-        return straight
-    inside = room > 0
-    # Without the difference of the root and the step, of which rounding is all that is left.
-    root = jnp.sqrt(step * step + 2.0 * jnp.where(inside, room, 0.0) / acceleration)
-    braking = 2.0 * jnp.where(jnp.isfinite(room), room, 0.0) / (root + step)
-    braking = jnp.where(jnp.isfinite(room), braking, jnp.inf)
-    return jnp.where(inside, braking, straight)
+    # Neither an infinite room nor the root of a negative one has a derivative.
+    limited = jnp.isfinite(room)
+    room = jnp.where(limited, room, 1.0)
+    rate = room / step
+    if acceleration is not None:
+        inside = room > 0
+        # Without the difference of root and step, of which rounding is all that is left.
+        root = jnp.sqrt(step * step + 2.0 * jnp.where(inside, room, 0.0) / acceleration)
+        rate = jnp.where(inside, 2.0 * room / (root + step), rate)
+    return jnp.where(limited, rate, jnp.inf)
