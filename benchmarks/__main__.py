@@ -1,7 +1,8 @@
 """Every benchmark, or those named, each in processes of its own.
 
     python -m benchmarks [lanes floors kinematics lie compiling first_answer devices complete_ik
-                          robots honesty arms workspace uncertainty collision] [--save]
+                          robots honesty arms workspace uncertainty collision collision_maps]
+                         [--save]
 
 Peers that are not installed are left out and named. Install them with `pip install --group peers`;
 they are of many licences, and none is a dependency of niryo_jax.
@@ -33,6 +34,7 @@ PARTS = (
     "workspace",
     "uncertainty",
     "collision",
+    "collision_maps",
 )
 
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks.md"
