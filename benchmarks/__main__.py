@@ -1,8 +1,8 @@
 """Every benchmark, or those named, each in processes of its own.
 
     python -m benchmarks [lanes floors kinematics lie compiling first_answer devices complete_ik
-                          robots honesty arms workspace uncertainty collision motion velocity]
-                         [--save]
+                          robots honesty arms workspace uncertainty collision collision_maps motion
+                          velocity] [--save]
     python -m benchmarks --gate [--save]      whether anything has become slower (`gate`)
 
 Peers that are not installed are left out and named. Install them with `pip install --group peers`;
@@ -35,6 +35,7 @@ PARTS = (
     "workspace",
     "uncertainty",
     "collision",
+    "collision_maps",
     "motion",
     "velocity",
 )
