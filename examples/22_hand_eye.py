@@ -7,10 +7,10 @@ Needs optimistix (`pip install "niryo_jax[research]"`).
 
 Expected output:
 
-    25 pictures; first guess off by 75.5 mm and 0.60 rad
-    after 9 steps: camera off by 0.24 mm and 0.7 mrad
-    expected from the noise: 0.22 mm and 0.6 mrad
-    what is left: 1.00 standard deviations
+    25 pictures; first guess off by 67.1 mm and 0.54 rad
+    after 26 steps: camera off by 0.12 mm and 0.2 mrad
+    expected from the noise: 0.21 mm and 0.3 mrad
+    what is left: 0.98 standard deviations
 """
 
 from __future__ import annotations
