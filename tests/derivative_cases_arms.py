@@ -135,9 +135,9 @@ CHAINS = [
         note="seven joints",
         tier="slow",
     ),
-    *_by_joints("manipulability", "0"),
+    *_by_joints("manipulability", "that of one side"),
     *_by_joints("singular_values", "that of the order they are in"),
-    *_by_joints("condition_number", "0"),
+    *_by_joints("condition_number", "that of one side, 0 where it is infinite"),
     *_by_joints("free_direction", "that with equals held fixed"),
     Case(
         "arm_angle",

@@ -52,7 +52,7 @@ POSES = {
     )
 }
 BRANCH = "that of the vector returned"
-NOTHING = "0"
+NOTHING, OF_ROTATION = "0", "0 of the rotation"
 
 GROUPS = [
     Case("so3.hat", nj.so3.hat, {"w": "free"}, VECTORS),
@@ -83,10 +83,10 @@ GROUPS = [
         {"matrix": "free"},
         {"near a rotation": (MATRIX,), "left-handed": (MATRIX @ np.diag([1, 1, -1]),)},
         {
-            "zero": NoDerivative((np.zeros((3, 3)),), NOTHING),
-            "a rotation": NoDerivative((np.eye(3),), "of the distance 0"),
-            "no unique rotation": NoDerivative((np.diag([1.0, 0.0, 0.0]),), NOTHING),
-            "a reflection": NoDerivative((np.diag([1.0, 1.0, -1.0]),), NOTHING),
+            "zero": NoDerivative((np.zeros((3, 3)),), OF_ROTATION),
+            "a rotation": NoDerivative((np.eye(3),), "0 of the distance"),
+            "no unique rotation": NoDerivative((np.diag([1.0, 0.0, 0.0]),), OF_ROTATION),
+            "a reflection": NoDerivative((np.diag([1.0, 1.0, -1.0]),), OF_ROTATION),
         },
     ),
     Case("se3.hat", nj.se3.hat, {"twist": "free"}, TWISTS),
@@ -116,8 +116,8 @@ GROUPS = [
         {"matrix": "free"},
         {"near a motion": (NEAR_POSE,)},
         {
-            "zero": NoDerivative((np.zeros((4, 4)),), NOTHING),
-            "a motion": NoDerivative((np.eye(4),), "of the distance 0"),
+            "zero": NoDerivative((np.zeros((4, 4)),), OF_ROTATION),
+            "a motion": NoDerivative((np.eye(4),), "0 of the distance"),
         },
     ),
     Case(

@@ -335,7 +335,7 @@ UNCERTAINTY = [
         lambda q, s: (lambda found: (found.position, found.rotation))(un.sensitivity(NIRYO, q, s)),
         {"q": "free", "sigma": "free"},
         {"a posture": (Q, SIZES)},
-        {"an axis through the tool": NoDerivative((np.zeros(6), SIZES), "0")},
+        {"an axis through the tool": NoDerivative((np.zeros(6), SIZES), "0 of that joint")},
     ),
     *(
         Case(

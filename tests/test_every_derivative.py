@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from derivative_cases import CASES, WITHOUT
+from derivative_cases import CASES, WITHOUT, contract
 from derivatives import Case, Derivatives, Differentiated, directions, moved, public_functions, rate
 
 STEPS = (-2, -1, 1, 2)
@@ -111,3 +113,9 @@ def test_derivatives_in_float32(case):
     if case.joints:
         rates = np.take_along_axis(rates, matched(double.value, single.value, case.joints), axis=1)
     law.close(rates, double.rate, double.counts, case.single, "float64")
+
+
+def test_the_page_says_what_is_tested():
+    page = (Path(__file__).parent.parent / "docs" / "research.md").read_text()
+    table = page.split("-->\n")[1].split("<!--")[0]
+    assert table.strip() == contract(), "python tests/derivative_cases.py prints the table"

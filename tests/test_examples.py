@@ -191,3 +191,45 @@ def test_velocity_loop():
     assert result.strays[0] < 40
     assert result.ends[0] < 1
     assert result.ends[1] < 0.1
+
+
+def test_base_placement():
+    pytest.importorskip("optax")
+    result = run("18_base_placement")
+    assert result.reached == (9, 9)
+    assert result.after > result.before + np.deg2rad(10)
+
+
+def test_tool_design():
+    pytest.importorskip("optax")
+    result = run("19_tool_design")
+    assert result.reached[0] < 12 == result.reached[1]
+    assert result.worst > 1.5 * result.first_whole > 0
+    assert result.off < 1e-12
+
+
+def test_learned_inverse_kinematics():
+    pytest.importorskip("optax")
+    result = run("20_learn_inverse_kinematics")
+    assert result.after < 0.005 < 0.05 < result.before
+    assert result.polished < 1e-5
+
+
+def test_around_a_sphere(tmp_path):
+    pytest.importorskip("optimistix")
+    pytest.importorskip("optax")
+    picture = tmp_path / "path.png"
+    drawing = importlib.util.find_spec("matplotlib") is not None
+    result = run("21_around_a_sphere", *([picture] if drawing else []))
+    assert result.before < -0.02
+    assert min(result.adam, result.verified) > 0.015
+    assert result.ratio < 0.5
+    assert picture.exists() == drawing
+
+
+def test_hand_eye():
+    pytest.importorskip("optimistix")
+    result = run("22_hand_eye")
+    assert result.before > 0.05
+    assert np.all(np.abs(result.off) < 4 * result.deviations)
+    assert 0.8 < result.left < 1.2
