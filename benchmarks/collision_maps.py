@@ -10,6 +10,8 @@ number is not that of inverse kinematics and clearance pose by pose.
 from __future__ import annotations
 
 import argparse
+import statistics
+import time
 
 if __name__ == "__main__":
     from benchmarks.measure import pin_to_one_core
@@ -20,17 +22,17 @@ import jax
 import numpy as np
 
 import niryo_jax as nj
-from benchmarks.measure import Claim, Report, Timed, about, alternate, header, table
+from benchmarks.measure import Claim, Report, about, header, table
 from benchmarks.workspace import slow_path
 from niryo_jax import collision as co
 from niryo_jax import workspace as ws
-from niryo_jax.workspace.tiles import Arrays, Tile, TileProgram
+from niryo_jax.workspace.tiles import Arrays, TileProgram
 
 TIMES = 1.25
 """What is aimed at: no more than so many times the time of a plain map."""
 
 VOXELS = 8
-"""So many voxels of a tile, or a few more, are looked at the slow way."""
+"""So many voxels of a tile are looked at the slow way."""
 
 TILES = 8
 
@@ -45,69 +47,93 @@ CHECKS = {
 }
 
 
-def _joined(parts: list[Arrays], name: str) -> np.ndarray:
-    return np.concatenate([part[name] for part in parts])
+class Map:
+    """Tiles of a map, timed.
+
+    Attributes:
+        spec: what it is of.
+        tiles: from all over it.
+        poses: in them.
+        first: seconds of the first run, compilation included.
+        seconds: of the processor, for each round: other programs count for little.
+        result: of each tile.
+    """
+
+    def __init__(self, spec: ws.MapSpec) -> None:
+        self.spec, self._program = spec, TileProgram(spec)
+        every = [tile for chunk in spec.chunks() for tile in self._program.tiles(chunk)]
+        apart = max(1, len(every) // TILES)
+        self.tiles = every[apart // 2 :: apart]
+        self.poses = sum(int(tile.live.sum()) for tile in self.tiles) * len(spec.quaternions)
+        self.seconds = list[float]()
+        self.result = list[Arrays]()
+        self.first = self._once()
+
+    def _once(self) -> float:
+        started = time.process_time()
+        self.result = [self._program(tile) for tile in self.tiles]
+        return time.process_time() - started
+
+    def round(self) -> None:
+        """Run once more."""
+        self.seconds.append(self._once())
+
+    @property
+    def median(self) -> float:
+        """Seconds of a run."""
+        return statistics.median(self.seconds)
+
+    def joined(self, name: str) -> np.ndarray:
+        """A variable, over the voxels of all tiles."""
+        return np.concatenate([part[name] for part in self.result])
+
+
+def differing(found: Map, robot: nj.Robot) -> set[str]:
+    """The variables of which a voxel is not what public functions and numpy make of it."""
+    wrong, spec = set[str](), found.spec
+    for tile, result in zip(found.tiles, found.result):
+        some = np.flatnonzero(tile.live)[:: max(1, int(tile.live.sum()) // VOXELS)][:VOXELS]
+        pose = np.zeros((VOXELS, len(spec.quaternions), 4, 4))
+        pose[..., :3, :3], pose[..., 3, 3] = spec.rotations, 1.0
+        # Of one size, so that the functions are compiled once.
+        pose[..., :3, 3] = tile.centres[np.resize(some, VOXELS)][:, None]
+        for name, truth in slow_path(robot, pose, spec.dexterous, spec.collisions).items():
+            if name in spec.variables:
+                have, want = result[name][some], truth[: len(some)]
+                if not np.allclose(have, want, rtol=3e-7, atol=1e-9, equal_nan=True):
+                    wrong.add(name)
+    return wrong
 
 
 def measure(voxel: float, orientations: int, rounds: int, report: Report) -> float:
     """Fill a report; returns the time with a table over that of a plain map."""
     robot = nj.robots.niryo_one()
-    subjects: list[Timed] = []
-    tiles, specs = list[Tile](), list[ws.MapSpec]()
-    for name, check in CHECKS.items():
-        spec = ws.MapSpec.of(robot, voxel, None, orientations, collisions=check)
-        program = TileProgram(spec)
-        every = [tile for chunk in spec.chunks() for tile in program.tiles(chunk)]
-        apart = max(1, len(every) // TILES)
-        tiles = every[apart // 2 :: apart]
-        size = sum(int(tile.live.sum()) for tile in tiles) * orientations
-        specs.append(spec)
-        subjects.append(
-            Timed(name, size, lambda p=program, tiles=tiles: [p(tile) for tile in tiles])
-        )
-    alternate(subjects, rounds)
-    plain = subjects[0]
-    rows: list[list[str]] = []
-    for subject, (name, check), spec in zip(subjects, CHECKS.items(), specs):
-        # The fastest round is least disturbed by other programs.
-        times = min(subject.rounds) / min(plain.rounds)
-        index = _joined(subject.result, "reachability_index")
-        colliding = np.zeros(1)
-        if check is not None:
-            colliding = _joined(subject.result, "colliding_fraction")
-            whole = _joined(plain.result, "reachability_index")
+    maps = {
+        name: Map(ws.MapSpec.of(robot, voxel, None, orientations, collisions=check))
+        for name, check in CHECKS.items()
+    }
+    for _ in range(rounds):
+        for found in maps.values():
+            found.round()
+    plain, rows = maps["plain"], list[list[str]]()
+    times = {name: found.median / plain.median for name, found in maps.items()}
+    for name, found in maps.items():
+        index, colliding = found.joined("reachability_index"), np.zeros(1)
+        if found.spec.collisions is not None:
+            colliding = found.joined("colliding_fraction")
+            whole = plain.joined("reachability_index")
             if not np.allclose(index + colliding, whole, rtol=0, atol=1e-6):
                 report.wrong.append(f"{name}: what collides is not what a plain map has more")
-            for number, tile in enumerate(tiles):
-                some = np.flatnonzero(tile.live)[:: max(1, int(tile.live.sum()) // VOXELS)]
-                pose = np.zeros((len(some), orientations, 4, 4))
-                pose[..., :3, :3], pose[..., 3, 3] = spec.rotations, 1.0
-                pose[..., :3, 3] = tile.centres[some][:, None]
-                truths = slow_path(robot, pose, spec.dexterous, check)
-                for key, truth in truths.items():
-                    if key in spec.variables and not np.allclose(
-                        subject.result[number][key][some],
-                        truth,
-                        rtol=3e-7,
-                        atol=1e-9,
-                        equal_nan=True,
-                    ):
-                        report.wrong.append(f"{name}: {key} is not that of the slow path")
-        rows.append(
-            [
-                name,
-                f"{subject.size / min(subject.rounds):,.0f}",
-                f"{subject.spread:.0%}",
-                f"{times:.2f}",
-                f"{np.mean(index):.3f}",
-                f"{np.mean(colliding):.3f}",
-                f"{subject.first:.1f}",
-            ]
-        )
-    report.data["subjects"] = [subject.facts() for subject in subjects]
+        for variable in sorted(differing(found, robot)):
+            report.wrong.append(f"{name}: {variable} is not that of the slow path")
+        spread = (max(found.seconds) - min(found.seconds)) / found.median
+        numbers = f"{found.poses / found.median:,.0f}", f"{spread:.0%}", f"{times[name]:.2f}"
+        shares = (f"{np.mean(share):.3f}" for share in (index, colliding))
+        rows.append([name, *numbers, *shares, f"{found.first:.1f}"])
+    report.data["seconds"] = {name: found.seconds for name, found in maps.items()}
     head = ["looked at", "poses/s", "spread", "time / plain", "reached", "only colliding"]
     report.sections.append(table([*head, "first call (s)"], rows))
-    return min(subjects[2].rounds) / min(plain.rounds)
+    return times["itself and a table"]
 
 
 def main() -> int:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import itertools
 import json
 import re
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -488,3 +490,24 @@ class TestCommandPlan:
         code, _, err = cli("pick-and-place", "--dry-run", "--no-collision-check", "--table", "0")
         assert code == 2
         assert "--no-collision-check goes without" in err
+
+
+def imports(package: str) -> dict[str, set[str]]:
+    """Of each module of a package, the packages of niryo_jax that it imports."""
+    out = {}
+    for path in sorted((Path(nj.__file__).parent / package).rglob("*.py")):
+        nodes = [x for x in ast.walk(ast.parse(path.read_text())) if isinstance(x, ast.ImportFrom)]
+        parts = [
+            [*(node.module or "").split("."), *(name.name for name in node.names)] for node in nodes
+        ]
+        out[path.stem] = {part[1] for part in parts if part[0] == "niryo_jax"}
+    return out
+
+
+def test_collision_is_used_by_those_that_may_and_uses_none_of_them():
+    uses = {"hardware", "workspace", "motion", "uncertainty", "calibration"}
+    assert not any(found & uses for found in imports("collision").values())
+    driving = {name for name, found in imports("hardware").items() if "collision" in found}
+    assert driving == {"plan_clearance"}
+    for package in ("uncertainty", "calibration"):
+        assert not any("collision" in found for found in imports(package).values())

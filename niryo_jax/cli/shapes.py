@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from niryo_jax.cli.console import busy
@@ -18,11 +17,9 @@ from niryo_jax.collision import (
     prune,
     shipped,
 )
+from niryo_jax.collision.niryo import axes_alike
 from niryo_jax.robot import Robot
 from niryo_jax.robots.urdf import from_urdf as robot_from_urdf
-
-_ALIKE = 0.05
-"""Radians and metres by which the axes of an arm and of its description may differ."""
 
 CollisionOption = Annotated[
     bool,
@@ -108,9 +105,7 @@ def _shape(robot: Robot, tool: str | None) -> CollisionModel:
 def _read(robot: Robot, file: Path, base: str | None, tip: str | None) -> CollisionModel:
     """The capsules of a description, without the pairs that always touch."""
     try:
-        described = robot_from_urdf(file, base, tip).known_screws()
-        axes = robot.known_screws()
-        if described.shape != axes.shape or np.any(np.abs(described - axes) > _ALIKE):
+        if not axes_alike(robot, robot_from_urdf(file, base, tip)):
             raise ValueError(f"its joints are not those of {robot.name}")
         model = from_urdf(file, base, tip)
         with busy("Finding the pairs of links that always touch"):

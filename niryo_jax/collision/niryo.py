@@ -95,15 +95,19 @@ def shipped(robot: Robot, tool: str | float | None = None) -> CollisionModel:
         TypeError: no robot, a traced robot, a tool that is neither a name nor a number.
     """
     check_is_robot(robot)
-    screws = robot.known_screws()
-    if robot.name in SHAPES:
-        nominal = MODELS[robot.name].robot().known_screws()
-        if screws.shape == nominal.shape and np.all(np.abs(screws - nominal) < _ALIKE):
-            return SHAPES[robot.name](tool)
+    robot.known_screws()
+    if robot.name in SHAPES and axes_alike(robot, MODELS[robot.name].robot()):
+        return SHAPES[robot.name](tool)
     raise ValueError(
         f"robot: expected an arm whose shape comes with the package ({', '.join(SHAPES)}), got "
         f"{robot.name}"
     )
+
+
+def axes_alike(robot: Robot, other: Robot) -> bool:
+    """Whether two concrete arms have their axes in the same places, wear aside."""
+    first, second = robot.known_screws(), other.known_screws()
+    return first.shape == second.shape and bool(np.all(np.abs(first - second) < _ALIKE))
 
 
 def _model(arm: NiryoModel, tool: str | float | None) -> CollisionModel:
