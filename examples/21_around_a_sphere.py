@@ -1,8 +1,8 @@
 """A path around a sphere: clearance as a cost, first with optax, then least squares by optimistix.
 
 You learn: that `collision.clearance` has a derivative, so that a path can be pushed out of an
-obstacle by any optimiser; that the same path as least squares ends smoother after a fifth of the steps; and to
-verify what comes out between its points too. Needs optax and optimistix
+obstacle by any optimiser; that the same path as least squares ends smoother after a fifth of the
+steps; and to verify what comes out between its points too. Needs optax and optimistix
 (`pip install "niryo_jax[research]"`). Given a path, `main` draws the figure of docs/research.md
 (`pip install "niryo_jax[workspace]"`).
 

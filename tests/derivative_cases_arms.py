@@ -57,10 +57,10 @@ def pose_of(robot: nj.Robot, q: np.ndarray) -> np.ndarray:
     return product_of_exponentials(robot.screws, robot.home, q)
 
 
-def _by_all(name: str) -> Case:
+def _by_all(name: str, tier: Tier = "heavy") -> Case:
     """A smooth function of an arm and joints, by both."""
     function = of_geometry(getattr(nj, name))
-    return Case(name, function, GEOMETRY | {"q": "free"}, SMOOTH, shared=OF_SMALL, tier="heavy")
+    return Case(name, function, GEOMETRY | {"q": "free"}, SMOOTH, shared=OF_SMALL, tier=tier)
 
 
 def _by_joints(name: str, given: str) -> list[Case]:
@@ -101,13 +101,14 @@ CHAINS = [
     _by_all("link_poses"),
     _by_all("space_jacobian"),
     _by_all("body_jacobian"),
-    _by_all("autodiff_space_jacobian"),
+    _by_all("autodiff_space_jacobian", "slow"),
     Case(
         "tool_velocity",
         of_geometry(nj.tool_velocity),
         GEOMETRY | {"q": "free", "rates": "free"},
         {name: (*at, Q2) for name, at in SMOOTH.items()},
         shared=OF_SMALL,
+        tier="heavy",
     ),
     Case(
         "joint_rates",
