@@ -73,7 +73,12 @@ def _by_joints(name: str, given: str) -> list[Case]:
     }
     return [
         Case(
-            name, functools.partial(measure, SPHERICAL), {"q": "free"}, {"a posture": (Q,)}, edges
+            name,
+            functools.partial(measure, SPHERICAL),
+            {"q": "free"},
+            {"a posture": (Q,)},
+            edges,
+            tier="heavy",
         ),
         Case(
             name,
@@ -125,7 +130,7 @@ CHAINS = [
         {"a posture": (Q2, VELOCITY, 0.1), "home": (np.zeros(2), VELOCITY, 0.1)},
         shared=OF_SMALL,
         note="damped, by the geometry",
-        tier="heavy",
+        tier="slow",
     ),
     Case(
         "joint_rates",
@@ -147,6 +152,7 @@ CHAINS = [
         {"a posture": (Q7,)},
         {"stretched": NoDerivative((np.zeros(7),), "0")},
         turns=True,
+        tier="heavy",
     ),
 ]
 
@@ -242,6 +248,7 @@ SOLVERS = [
         },
         jitted=False,
         single=2e-2,
+        tier="heavy",
     ),
     Case(
         "newton_raphson",
@@ -266,6 +273,7 @@ SOLVERS = [
         jitted=False,
         turns=True,
         single=2e-2,
+        tier="heavy",
     ),
     *(
         Case(
@@ -280,6 +288,7 @@ SOLVERS = [
             jitted=False,
             turns=True,
             single=2e-2,
+            tier="heavy",
         )
         for name in ("farthest_from_limits", "most_manipulable")
     ),

@@ -146,13 +146,14 @@ COLLISION = [
         lambda q: co.clearance(NIRYO, SHAPE, q, BALL),
         {"q": "free"},
         {"a posture": (Q,), "at home": (0 * Q + 0.01,)},
+        tier="heavy",
     ),
     Case(
         "collision.distances",
         lambda q: co.distances(NIRYO, SHAPE, q, BALL).distance,
         {"q": "free"},
         {"a posture": (Q,)},
-        tier="heavy",
+        tier="slow",
     ),
     Case(
         "collision.distances",
@@ -272,6 +273,7 @@ UNCERTAINTY = [
         BY_SPREAD,
         POSTURE,
         {"no error": NO_ERROR},
+        tier="heavy",
     ),
     Case(
         "uncertainty.Propagated.ellipsoid",
@@ -280,6 +282,7 @@ UNCERTAINTY = [
         POSTURE,
         {"no error": NO_ERROR},
         single=2e-2,
+        tier="slow",
     ),
     Case(
         "uncertainty.sensitivity",
@@ -287,6 +290,7 @@ UNCERTAINTY = [
         {"q": "free", "sigma": "free"},
         {"a posture": (Q, SIZES)},
         {"an axis through the tool": NoDerivative((np.zeros(6), SIZES), "0 of that joint")},
+        tier="heavy",
     ),
     *(
         Case(
@@ -295,6 +299,7 @@ UNCERTAINTY = [
             {"q": "free"},
             {"a posture": (Q,)},
             single=2e-3,
+            tier="slow",
         )
         for name in ("millimetres", "milliradians")
     ),
@@ -309,6 +314,7 @@ UNCERTAINTY = [
         jitted=False,
         turns=True,
         single=2e-2,
+        tier="heavy",
     ),
     Case(
         "uncertainty.position_ellipsoid",
@@ -350,7 +356,7 @@ UNCERTAINTY = [
         {"a posture": (Q,)},
         shared=(SPREAD6,),
         single=OTHER_DRAWS,
-        tier="heavy",
+        tier="slow",
     ),
     *(
         Case(
