@@ -57,10 +57,10 @@ def pose_of(robot: nj.Robot, q: np.ndarray) -> np.ndarray:
     return product_of_exponentials(robot.screws, robot.home, q)
 
 
-def _by_all(name: str) -> Case:
+def _by_all(name: str, tier: Tier = "heavy") -> Case:
     """A smooth function of an arm and joints, by both."""
     function = of_geometry(getattr(nj, name))
-    return Case(name, function, GEOMETRY | {"q": "free"}, SMOOTH, shared=OF_SMALL, tier="heavy")
+    return Case(name, function, GEOMETRY | {"q": "free"}, SMOOTH, shared=OF_SMALL, tier=tier)
 
 
 def _by_joints(name: str, given: str) -> list[Case]:
@@ -73,7 +73,12 @@ def _by_joints(name: str, given: str) -> list[Case]:
     }
     return [
         Case(
-            name, functools.partial(measure, SPHERICAL), {"q": "free"}, {"a posture": (Q,)}, edges
+            name,
+            functools.partial(measure, SPHERICAL),
+            {"q": "free"},
+            {"a posture": (Q,)},
+            edges,
+            tier="heavy",
         ),
         Case(
             name,
@@ -101,13 +106,14 @@ CHAINS = [
     _by_all("link_poses"),
     _by_all("space_jacobian"),
     _by_all("body_jacobian"),
-    _by_all("autodiff_space_jacobian"),
+    _by_all("autodiff_space_jacobian", "slow"),
     Case(
         "tool_velocity",
         of_geometry(nj.tool_velocity),
         GEOMETRY | {"q": "free", "rates": "free"},
         {name: (*at, Q2) for name, at in SMOOTH.items()},
         shared=OF_SMALL,
+        tier="heavy",
     ),
     Case(
         "joint_rates",
@@ -124,7 +130,7 @@ CHAINS = [
         {"a posture": (Q2, VELOCITY, 0.1), "home": (np.zeros(2), VELOCITY, 0.1)},
         shared=OF_SMALL,
         note="damped, by the geometry",
-        tier="heavy",
+        tier="slow",
     ),
     Case(
         "joint_rates",
@@ -146,6 +152,7 @@ CHAINS = [
         {"a posture": (Q7,)},
         {"stretched": NoDerivative((np.zeros(7),), "0")},
         turns=True,
+        tier="heavy",
     ),
 ]
 
@@ -241,6 +248,7 @@ SOLVERS = [
         },
         jitted=False,
         single=2e-2,
+        tier="heavy",
     ),
     Case(
         "newton_raphson",
@@ -265,6 +273,7 @@ SOLVERS = [
         jitted=False,
         turns=True,
         single=2e-2,
+        tier="heavy",
     ),
     *(
         Case(
@@ -279,6 +288,7 @@ SOLVERS = [
             jitted=False,
             turns=True,
             single=2e-2,
+            tier="heavy",
         )
         for name in ("farthest_from_limits", "most_manipulable")
     ),

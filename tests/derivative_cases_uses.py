@@ -195,13 +195,14 @@ COLLISION = [
         lambda q: co.clearance(NIRYO, SHAPE, q, BALL),
         {"q": "free"},
         {"a posture": (Q,), "at home": (0 * Q + 0.01,)},
+        tier="heavy",
     ),
     Case(
         "collision.distances",
         lambda q: co.distances(NIRYO, SHAPE, q, BALL).distance,
         {"q": "free"},
         {"a posture": (Q,)},
-        tier="heavy",
+        tier="slow",
     ),
     Case(
         "collision.distances",
@@ -321,6 +322,7 @@ UNCERTAINTY = [
         BY_SPREAD,
         POSTURE,
         {"no error": NO_ERROR},
+        tier="heavy",
     ),
     Case(
         "uncertainty.Propagated.ellipsoid",
@@ -329,6 +331,7 @@ UNCERTAINTY = [
         POSTURE,
         {"no error": NO_ERROR},
         single=2e-2,
+        tier="slow",
     ),
     Case(
         "uncertainty.sensitivity",
@@ -336,6 +339,7 @@ UNCERTAINTY = [
         {"q": "free", "sigma": "free"},
         {"a posture": (Q, SIZES)},
         {"an axis through the tool": NoDerivative((np.zeros(6), SIZES), "0 of that joint")},
+        tier="heavy",
     ),
     *(
         Case(
@@ -344,6 +348,7 @@ UNCERTAINTY = [
             {"q": "free"},
             {"a posture": (Q,)},
             single=2e-3,
+            tier="slow",
         )
         for name in ("millimetres", "milliradians")
     ),
@@ -358,6 +363,7 @@ UNCERTAINTY = [
         jitted=False,
         turns=True,
         single=2e-2,
+        tier="heavy",
     ),
     Case(
         "uncertainty.position_ellipsoid",
@@ -399,7 +405,7 @@ UNCERTAINTY = [
         {"a posture": (Q,)},
         shared=(SPREAD6,),
         single=OTHER_DRAWS,
-        tier="heavy",
+        tier="slow",
     ),
     *(
         Case(
