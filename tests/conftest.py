@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import gc
-import importlib.metadata
 import json
 import os
 import signal
@@ -12,17 +11,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from quick_compiling import XLA_FLAGS
+
 # Compiling is nearly all that the tests do: programs are made for the compiler's speed, unless the
 # caller says otherwise. `test_compiling.py` has those made for the machine's beside them.
-# Since jaxlib 0.11 a process ends where it meets the second option. The third is for workers that
-# keep all cores busy by themselves: no program is cut into parts to be compiled side by side.
-os.environ.setdefault(
-    "XLA_FLAGS",
-    "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
-    " --xla_cpu_parallel_codegen_split_count=1"
-    if [int(x) for x in importlib.metadata.version("jaxlib").split(".")[:2]] < [0, 11]
-    else "--xla_backend_optimization_level=0",
-)
+os.environ.setdefault("XLA_FLAGS", XLA_FLAGS)
 
 import hypothesis
 import jax
