@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
-import importlib.metadata
 import json
 import os
 import signal
@@ -11,17 +11,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from quick_compiling import XLA_FLAGS
+
 # Compiling is nearly all that the tests do: programs are made for the compiler's speed, unless the
 # caller says otherwise. `test_compiling.py` has those made for the machine's beside them.
-# Since jaxlib 0.11 a process ends where it meets the second option. The third is for workers that
-# keep all cores busy by themselves: no program is cut into parts to be compiled side by side.
-os.environ.setdefault(
-    "XLA_FLAGS",
-    "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
-    " --xla_cpu_parallel_codegen_split_count=1"
-    if [int(x) for x in importlib.metadata.version("jaxlib").split(".")[:2]] < [0, 11]
-    else "--xla_backend_optimization_level=0",
-)
+os.environ.setdefault("XLA_FLAGS", XLA_FLAGS)
 
 import hypothesis
 import jax
@@ -66,18 +60,28 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 _MOST_MAPS = 30_000
+_MOST_BYTES = 4e9
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _forget_programs() -> Iterator[None]:
-    """Release all programs where there are many: a process may map 65,530 pieces of memory.
-
-    Where a process has reached that limit of Linux, jaxlib crashes.
-    """
+    """Release all programs where there are many: a process may map 65,530 pieces of memory, beyond
+    which jaxlib crashes; and two workers must fit into the memory of a small machine."""
     yield
-    maps = Path("/proc/self/maps")
-    if not maps.exists() or maps.read_bytes().count(b"\n") > _MOST_MAPS:
-        jax.clear_caches()
+    # What the compiler has freed stays with the C library until it is asked for.
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.name == "posix" else None
+    if trim is not None:
+        trim(0)
+    process = Path("/proc/self")
+    if (process / "maps").exists():
+        pages = int((process / "statm").read_text().split()[1])
+        maps = (process / "maps").read_bytes().count(b"\n")
+        if maps < _MOST_MAPS and pages * os.sysconf("SC_PAGE_SIZE") < _MOST_BYTES:
+            return
+    jax.clear_caches()
+    gc.collect()
+    if trim is not None:
+        trim(0)
 
 
 @pytest.fixture

@@ -53,6 +53,17 @@ def _scaling(name: str) -> Case:
     )
 
 
+MOVE: dict[str, Kind] = {
+    "velocity": "free", "acceleration": "free", "jerk": "free", "q_start": "free", "q_end": "free",
+}  # fmt: skip
+MOST = np.linspace(1.0, 2.0, 6), np.linspace(2.0, 3.0, 6), np.linspace(20.0, 30.0, 6)
+
+
+def _moves(velocity: Any, acceleration: Any, jerk: Any, start: Any, end: Any) -> Any:
+    limits = nj.motion.MotionLimits(velocity, acceleration, jerk)
+    return nj.motion.point_to_point(start, end, limits, "scurve")
+
+
 MOTION = [
     _scaling("cubic_time_scaling"),
     _scaling("quintic_time_scaling"),
@@ -64,6 +75,44 @@ MOTION = [
     ),
     _trajectory("screw_trajectory"),
     _trajectory("cartesian_trajectory"),
+    Case(
+        "motion.point_to_point",
+        lambda *x: _moves(*x).duration,
+        MOVE,
+        {"two postures": (Q, -Q)},
+        {"the same posture": NoDerivative((Q, Q), "0")},
+        shared=MOST,
+    ),
+    Case(
+        "motion.PointToPoint.at",
+        lambda t, *x: _moves(*x).at(t).q,
+        {"t": "free"} | MOVE,
+        {"two postures": (Q, -Q)},
+        {"the same posture": NoDerivative((Q, Q), "those of both ends")},
+        shared=(np.array([0.31, 0.67]), *MOST),
+    ),
+    Case(
+        "motion.arc",
+        lambda start, via, end: nj.motion.arc(start, via, end, 5),
+        {"start": "motion", "via": "free", "end": "motion"},
+        {"three points": (START, [0.2, 0.3, 0.2], END)},
+        tier="heavy",
+    ),
+    Case(
+        "motion.blend",
+        lambda poses: nj.motion.blend(poses, 0.05, 9),
+        {"poses": "motion"},
+        {"a corner": (np.stack([START, START @ motion(0.3, 0.1, 0, 0.2, 0, 0.1), END]),)},
+        tier="heavy",
+    ),
+    Case(
+        "motion.velocity_ik",
+        lambda q, twist: nj.motion.velocity_ik(NIRYO, q, twist).rate,
+        {"q": "free", "twist": "free"},
+        {"a posture": (Q, np.arange(1.0, 7.0) / 20)},
+        {"a straight wrist": NoDerivative((Q * [1, 1, 1, 1, 0, 1], np.ones(6)), "of damped rates")},
+        tier="heavy",
+    ),
 ]
 
 SEGMENTS = {

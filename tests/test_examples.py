@@ -167,6 +167,32 @@ def test_collision():
     assert result.moved < 20
 
 
+def test_timed_path(tmp_path):
+    picture = tmp_path / "motion.png"
+    drawing = importlib.util.find_spec("matplotlib") is not None
+    result = run("16_timed_path", *([picture] if drawing else []))
+    times = result.durations
+    assert times["fastest"] < times["smooth"]
+    assert times["careful"] > 0.3 / 0.1
+    assert max(result.shares) == pytest.approx(1.0, abs=1e-3)
+    assert result.off < 1e-9
+    assert result.samples == 1 + np.ceil(1e3 * times["fastest"])
+    assert picture.exists() == drawing
+
+
+def test_velocity_loop():
+    result = run("17_velocity_loop")
+    assert result.kept
+    assert result.singular < 1e-3
+    assert result.unlimited > 30
+    assert sum(result.statuses.values()) == 801
+    assert result.statuses["REACHED"] > 400
+    assert result.statuses["LIMITED"] > 20
+    assert result.strays[0] < 40
+    assert result.ends[0] < 1
+    assert result.ends[1] < 0.1
+
+
 def test_base_placement():
     pytest.importorskip("optax")
     result = run("18_base_placement")

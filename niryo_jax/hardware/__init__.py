@@ -19,6 +19,7 @@ from niryo_jax.hardware.errors import (
     ToolMissing,
     WrongArm,
 )
+from niryo_jax.hardware.execution import Execution, ExecutionAborted, ExecutionState
 from niryo_jax.hardware.faults import Fault, FaultKind
 from niryo_jax.hardware.measuring import touch, visit
 from niryo_jax.hardware.simulated.wear import Wear
@@ -31,6 +32,9 @@ __all__ = [
     "CommandRefused",
     "ConnectionFailed",
     "ConnectionLost",
+    "Execution",
+    "ExecutionAborted",
+    "ExecutionState",
     "Fault",
     "FaultKind",
     "HardwareStatus",

@@ -2,45 +2,17 @@
 
 from __future__ import annotations
 
-import math
-import threading
 import time
 
-import numpy as np
-from jax.typing import ArrayLike
-from numpy.typing import NDArray
-
 from niryo_jax.hardware import arguments
-from niryo_jax.hardware.errors import (
-    CommandRefused,
-    MotionNotReached,
-    MotionStopped,
-    NotANiryo,
-    ToolFailed,
-    ToolMissing,
-)
-from niryo_jax.hardware.link import ArmLink
+from niryo_jax.hardware.errors import CommandRefused, NotANiryo, ToolFailed, ToolMissing
+from niryo_jax.hardware.moving import MovingArm
 from niryo_jax.hardware.protocol import ProtocolError
-from niryo_jax.hardware.status import HardwareStatus, as_bool, collision_detected, why_it_stayed
-from niryo_jax.hardware.targets import JointTargets
-from niryo_jax.lie.rpy import pose_from_rpy
+from niryo_jax.hardware.status import HardwareStatus, as_bool, collision_detected
 from niryo_jax.robot import Robot
 
-Vector = NDArray[np.float64]
 
-# A move may take this many times its length over the joint speeds: the robot also accelerates,
-# brakes and plans.
-_SLACK = 3.0
-_SETTLE_STEP = 0.05
-
-# The robot's own speed, percent of the largest, until it is set: it does not tell it.
-_DEFAULT_PERCENT = 100
-
-# Threads that wait for an answer get in between two pieces of a move.
-_YIELD = 0.005
-
-
-class NiryoArm(ArmLink):
+class NiryoArm(MovingArm):
     """A connection to one Niryo arm; use it in a `with` statement.
 
     Entering connects, leaving closes the connection, whatever happened inside. Every call ends in
@@ -95,14 +67,11 @@ class NiryoArm(ArmLink):
             model=model,
             connect_timeout=connect_timeout,
             timeout=timeout,
+            tolerance=tolerance,
+            settle=settle,
+            piece=piece,
         )
         self._calibration_timeout = arguments.positive("calibration_timeout", calibration_timeout)
-        self._tolerance = arguments.positive("tolerance", tolerance)
-        self._settle = arguments.seconds("settle", settle)
-        self._piece = math.inf if piece is None else arguments.positive("piece", piece)
-        self._targets = JointTargets(robot)
-        self._percent = _DEFAULT_PERCENT
-        self._stopped = threading.Event()
 
     def calibrate(self) -> None:
         """Calibrate the motors automatically; nothing happens where they are calibrated."""
@@ -149,19 +118,6 @@ class NiryoArm(ArmLink):
         """
         self._connected.exchange("CLEAR_COLLISION_DETECTED", timeout=self._timeout)
 
-    def set_speed(self, percent: int) -> None:
-        """Set the speed of later moves, as a whole percentage of the largest, 1 to 100.
-
-        The robot keeps it from one program to the next and does not tell it: where it is not set,
-        times are worked out for 100, its own after it was switched on.
-
-        Raises:
-            ArgumentRejected: not a whole number from 1 to 100; nothing was sent.
-        """
-        whole = arguments.percentage(percent)
-        self._call("set_arm_max_velocity", whole)
-        self._percent = whole
-
     def use_tool(self, name: str | None = None) -> str:
         """Let the robot detect its tool, and return the tool's name, e.g. "gripper_1".
 
@@ -202,82 +158,6 @@ class NiryoArm(ArmLink):
             ArgumentRejected: not a finite number of seconds, zero or more.
         """
         time.sleep(arguments.seconds("seconds", seconds))
-
-    def joints(self) -> Vector:
-        """(6,) joint angles read from the robot, radians.
-
-        In another thread than that of a move: those between two of its pieces.
-        """
-        return self._connected.joints(self._timeout)
-
-    def pose(self) -> Vector:
-        """(4, 4) pose that the robot reports, in the space frame, metres.
-
-        It is the tool frame on system 4, and the tool centre point where the robot has that
-        switched on (by default on system 5).
-        """
-        return pose_from_rpy(self._call("get_pose").to_list())
-
-    def move_joints(self, q: ArrayLike) -> Vector:
-        """Move to the joint angles q and return those read back from the robot.
-
-        A target inside the limits but within 1e-3 rad of one is drawn in to 1e-3 rad: the robots
-        round, and refuse targets at the very edge. The robot switches learning mode off.
-
-        Args:
-            q: (6,) joint angles, radians.
-
-        Returns:
-            (6,) joint angles reached, radians.
-
-        Raises:
-            TargetRejected: not six finite angles inside the limits; nothing was sent.
-            CommandRefused: the robot refused, e.g. because it is not calibrated.
-            MotionNotReached: the robot reported success and stands elsewhere; the message says why,
-                as far as the robot tells. Systems 5.0 to 5.6.3 answer so to moves that they refuse.
-            MotionStopped: `stop` was called in another thread.
-            CallTimeout, ConnectionLost: no answer in time; the arm may still be moving.
-        """
-        target = self._targets.check(q)
-        self._stopped.clear()
-        start = reached = self.joints()
-        travel = self._targets.travel_time(start, target, self._percent)
-        pieces = max(1, math.ceil(travel / self._piece))
-        for share in np.linspace(0, 1, pieces + 1)[1:]:
-            if self._stopped.is_set():
-                raise MotionStopped("the move was stopped on its way", target, reached)
-            waypoint = start + share * (target - start) if share < 1 else target
-            limit = self._timeout + _SLACK * travel / pieces
-            self._call("move_joints", *waypoint.tolist(), timeout=limit)
-            reached = self._settled(waypoint, reached)
-            time.sleep(_YIELD if pieces > 1 else 0.0)
-        return reached
-
-    def stop(self) -> None:
-        """End the move that another thread has under way, after the piece that the arm is at.
-
-        That thread gets `MotionStopped`. A move of one piece goes on to its end: see `piece`.
-        """
-        self._stopped.set()
-
-    def _settled(self, target: Vector, start: Vector) -> Vector:
-        """The joints read back, once they are within the tolerance of a target (6,)."""
-        deadline = time.monotonic() + self._settle
-        while np.max(np.abs((reached := self.joints()) - target)) > self._tolerance:
-            if time.monotonic() >= deadline:
-                worst = int(np.argmax(np.abs(reached - target)))
-                moved = np.max(np.abs(reached - start)) > self._tolerance
-                why = why_it_stayed(self._connected, self._timeout)
-                raise MotionNotReached(
-                    f"the robot reported success, yet {self._targets.names[worst]} stands at "
-                    f"{reached[worst]:.4f} rad instead of {target[worst]:.4f} rad, more than the "
-                    f"tolerance of {self._tolerance:g} rad away: "
-                    f"{'it was held up on its way; ' if moved else ''}{why}",
-                    target,
-                    reached,
-                )
-            time.sleep(_SETTLE_STEP)
-        return reached
 
     def _actuate(self, name: str) -> None:
         if self.tool == "none":

@@ -12,6 +12,8 @@ from niryo_jax.hardware.errors import ArgumentRejected, TargetRejected
 from niryo_jax.robot import Robot
 from niryo_jax.robots import MODELS
 
+Vector = NDArray[np.float64]
+
 # System 5 rounds a target to three decimals before it compares it with the limits; system 4
 # compares exactly, so that a limit rounded to float32 may lie outside.
 LIMIT_MARGIN = 1e-3
@@ -26,6 +28,10 @@ _UNKNOWN_SPEED = 1.0
 class JointTargets:
     """The limits and speeds of one six-joint arm, radians and rad/s.
 
+    Attributes:
+        names: of the joints.
+        speed: (6,) the largest, rad/s.
+
     Raises:
         ArgumentRejected: the robot does not have six joints.
     """
@@ -39,9 +45,9 @@ class JointTargets:
             )
         self.names = robot.joint_names
         model = MODELS.get(robot.name)
-        self._speed = np.array(model.max_velocity) if model else np.full(6, _UNKNOWN_SPEED)
+        self.speed: Vector = np.array(model.max_velocity) if model else np.full(6, _UNKNOWN_SPEED)
 
-    def check(self, q: ArrayLike) -> NDArray[np.float64]:
+    def check(self, q: ArrayLike) -> Vector:
         """The target (6,) to send for q, at least LIMIT_MARGIN inside the limits.
 
         A joint at its limit may lie beyond it by what rounding to float32 leaves.
@@ -70,8 +76,6 @@ class JointTargets:
                 )
         return np.clip(target, self._lower + LIMIT_MARGIN, self._upper - LIMIT_MARGIN)
 
-    def travel_time(
-        self, start: NDArray[np.float64], goal: NDArray[np.float64], percent: int
-    ) -> float:
-        """Seconds from start (6,) to goal (6,) at a percentage of the largest joint speeds."""
-        return float(np.max(np.abs(goal - start) / self._speed)) * 100 / percent
+    def travel_times(self, path: Vector) -> Vector:
+        """(k - 1,) seconds from each of joints (k, 6) to the next, at the largest speeds."""
+        return np.max(np.abs(np.diff(path, axis=0)) / self.speed, axis=1)

@@ -1,0 +1,25 @@
+"""The sources of the site in one folder: docs/, and pages of the repository's top level."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+TOP = {"CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}
+"""Pages of the repository's top level, and what they are called in the site."""
+
+_KINDS = {".md", ".png", ".svg", ".css"}
+_INTO_DOCS = re.compile(r"\]\(docs/")
+
+
+def stage(root: Path, pages: Path) -> None:
+    """Copy pages, pictures and styles; links of the top-level pages into docs/ are made to fit."""
+    docs = root / "docs"
+    for source in sorted(docs.rglob("*")):
+        if source.suffix in _KINDS:
+            target = pages / source.relative_to(docs)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source, target)
+    for name, target in TOP.items():
+        (pages / target).write_text(_INTO_DOCS.sub("](", (root / name).read_text()))
