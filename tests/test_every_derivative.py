@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from derivative_cases import CASES, WITHOUT, contract
-from derivatives import Case, Derivatives, Differentiated, directions, moved, public_functions, rate
+from derivatives import (
+    Case,
+    Derivatives,
+    Differentiated,
+    Kind,
+    directions,
+    moved,
+    public_functions,
+    rate,
+)
 
 STEPS = (-2, -1, 1, 2)
 
@@ -39,13 +50,13 @@ class Law:
         self.along = directions(case, self.x, rng)
         self.weights = rng.standard_normal((len(case.names), 4096))
 
-    def kinds(self):
+    def kinds(self) -> Iterator[tuple[Kind, np.ndarray, np.ndarray]]:
         return zip(self.case.by.values(), self.x, self.along)
 
-    def at(self, dtype=np.float64, step=0.0, weights=None) -> Derivatives:
+    def at(self, dtype: Any = np.float64, step: float = 0.0) -> Derivatives:
         x = [moved(*one, step) for one in self.kinds()] if step else self.case.arguments(dtype)
         u = [np.asarray(rate(*one), dtype) for one in self.kinds()]
-        return self.function.at(x, u, self.weights if weights is None else weights)
+        return self.function.at(x, u, self.weights)
 
     def check_finite(self, found: Derivatives) -> None:
         for name, row in zip(self.case.names, found.rate):
