@@ -1,7 +1,9 @@
 """Every benchmark, or those named, each in processes of its own.
 
     python -m benchmarks [lanes floors kinematics lie compiling first_answer devices complete_ik
-                          robots honesty arms workspace uncertainty collision] [--save]
+                          robots honesty arms workspace uncertainty collision collision_maps motion
+                          velocity] [--save]
+    python -m benchmarks --gate [--save]      whether anything has become slower (`gate`)
 
 Peers that are not installed are left out and named. Install them with `pip install --group peers`;
 they are of many licences, and none is a dependency of niryo_jax.
@@ -33,6 +35,9 @@ PARTS = (
     "workspace",
     "uncertainty",
     "collision",
+    "collision_maps",
+    "motion",
+    "velocity",
 )
 
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks.md"
@@ -61,7 +66,11 @@ def main() -> int:
     )
     parser.add_argument("parts", nargs="*", metavar="part", help=f"of {', '.join(PARTS)}")
     parser.add_argument("--save", action="store_true", help="write to benchmarks/results/")
+    parser.add_argument("--gate", action="store_true", help="whether anything has become slower")
     options = parser.parse_args()
+    if options.gate:
+        command = [sys.executable, "-m", "benchmarks.gate", *["--save"] * options.save]
+        return subprocess.run(command, cwd=Path(__file__).parents[1], check=False).returncode
     unknown = sorted(set(options.parts) - set(PARTS))
     if unknown:
         parser.error(f"unknown: {', '.join(unknown)}; there are {', '.join(PARTS)}")

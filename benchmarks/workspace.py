@@ -31,6 +31,7 @@ import numpy as np
 import niryo_jax as nj
 from benchmarks import reference, workspace_peers
 from benchmarks.measure import Claim, Report, about, header, in_a_process, table
+from niryo_jax import collision as co
 from niryo_jax import workspace as ws
 from niryo_jax.workspace.orientations import rotations_of
 
@@ -69,10 +70,18 @@ def start(store: Path, *arguments: str) -> subprocess.Popen[bytes]:
     )
 
 
-def slow_path(robot: nj.Robot, pose: np.ndarray, dexterous: float) -> dict[str, np.ndarray]:
+def slow_path(
+    robot: nj.Robot,
+    pose: np.ndarray,
+    dexterous: float,
+    collisions: co.CollisionCheck | None = None,
+) -> dict[str, np.ndarray]:
     """The variables of a map for poses (..., M, 4, 4), M to a voxel: public functions and numpy."""
     solutions = nj.inverse_kinematics(robot, pose)
     q, within = np.asarray(solutions.q), np.asarray(solutions.within_limits)
+    some = np.any(within, axis=-1)
+    if collisions is not None:
+        within = within & np.asarray(collisions.free(robot, solutions).clear)
     count, unlimited = within.sum(-1), np.asarray(solutions.count)
     reached = count > 0
     body = np.asarray(nj.body_jacobian(robot, q))[within]
@@ -104,6 +113,8 @@ def slow_path(robot: nj.Robot, pose: np.ndarray, dexterous: float) -> dict[str, 
         number = reached.sum(-1)
         mean = np.nansum(best, axis=-1) / np.maximum(number, 1)
         out[f"{name}_mean"] = np.where(number > 0, mean, np.nan)
+    if collisions is not None:
+        out["colliding_fraction"] = (some & ~reached).mean(-1)
     clear = np.nan_to_num(out["pose_singular_value"], nan=-1.0) >= dexterous
     out["dexterous_fraction"] = clear.mean(-1)
     return out

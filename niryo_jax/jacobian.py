@@ -217,15 +217,52 @@ def free_direction(robot: Robot, q: ArrayLike) -> tuple[jax.Array, jax.Array]:
 
     Returns:
         (..., n) unit joint rates, and (...,) the size of the body twist that they give; zero
-        where the arm can move while its tool rests (rows in radians and metres, unscaled).
+        where the arm can move while its tool rests (rows in radians and metres, unscaled). Where
+        several directions move it equally little one of them is returned, and derivatives are
+        those with the others held fixed.
 
     Raises:
         ValueError: q does not have n joints.
     """
     jacobian = body_jacobian(robot, q)
-    direction = jnp.linalg.svd(jacobian, full_matrices=True)[2][..., -1, :]
-    twist = jnp.matmul(jacobian, direction[..., None], precision="highest")
-    return direction, jnp.linalg.norm(twist[..., 0], axis=-1)
+    direction = _right_vectors(jacobian)[1][..., -1]
+    square = jnp.sum(_product(jacobian, direction[..., None])[..., 0] ** 2, axis=-1)
+    moves = square > 0.0
+    return direction, jnp.where(moves, jnp.sqrt(jnp.where(moves, square, 1.0)), 0.0)
+
+
+@jax.custom_jvp
+def _right_vectors(matrix: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """The n singular values (..., n) of a matrix (..., m, n), largest first and zeros after them,
+    and (..., n, n) the right singular vectors in columns."""
+    _, values, transposed = jnp.linalg.svd(matrix, full_matrices=True)
+    n = matrix.shape[-1]
+    values = jnp.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, n - values.shape[-1])])
+    return values, jnp.swapaxes(transposed, -1, -2)
+
+
+@_right_vectors.defjvp
+def _right_vectors_jvp(
+    primals: tuple[jax.Array], tangents: tuple[jax.Array]
+) -> tuple[tuple[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]:
+    # With A = M^T M and its values l = s^2, dV = V F, F_ij = (V^T dA V)_ij / (l_j - l_i), which has
+    # no value where two agree.
+    values, vectors = _right_vectors(*primals)
+    image, rate = (_product(part, vectors) for part in (primals[0], tangents[0]))
+    half = _product(jnp.swapaxes(image, -1, -2), rate)
+    turned = half + jnp.swapaxes(half, -1, -2)
+    one, other = values[..., None, :], values[..., :, None]
+    apart = jnp.abs(one - other) > DEPENDENT_ROW.of(values.dtype) * values[..., :1, None]
+    gap = jnp.where(apart, (one - other) * (one + other), 1.0)
+    share = jnp.where(apart, turned / gap, 0.0)
+    some = values > 0.0
+    grown = jnp.diagonal(half, axis1=-2, axis2=-1)
+    rates = jnp.where(some, grown / jnp.where(some, values, 1.0), 0.0), _product(vectors, share)
+    return (values, vectors), rates
+
+
+def _product(a: jax.Array, b: jax.Array) -> jax.Array:
+    return jnp.matmul(a, b, precision="highest")
 
 
 def condition_number(

@@ -177,3 +177,40 @@ POLYNOMIAL_NOISE = 500.0
 COVARIANCE = ByDtype(1e-10, 1e-5)
 """A covariance that misses being symmetric, or positive semidefinite, by less than this share of
 its largest entry does for rounding."""
+
+SAME_WAYPOINT = ByDtype(1e-9, 1e-5)
+"""Waypoints that are nearer than this share of the path's length to the one before are that one."""
+
+PATH_LIMITS = ByDtype(1e-6, 1e-4)
+"""A path may pass a joint limit by less than this between its samples (radians, metres): a spline
+through samples at the limit does."""
+
+ACCELERATION = ByDtype(1e-9, 1e-5)
+"""The passes along a path take accelerations beyond their limits by up to this share for rounding,
+which a joint that turns round divides by a slope near zero. Time is stretched by as much later."""
+
+ARC_SINE = ByDtype(1e-6, 1e-3)
+"""Three points are on a line where the sine of the angle at the first is below this: farther off,
+the radius of the circle through them is lost in rounding."""
+
+PROXIMAL = ByDtype(1e-13, 3e-6)
+"""Joint rates are drawn to those before by this share of the largest square of a column of the
+Jacobian: a few times rounding, so that what is singular still has a factor."""
+
+PROXIMAL_REDUNDANT = ByDtype(1e-9, 1e-5)
+"""The same for arms with joints to spare: half-way, on a scale of ratios, between 1 and rounding,
+which both the least part of a slope and what it is drawn from must be told from."""
+
+ROUNDING_OF_SLOPE = ByDtype(1e-13, 2e-6)
+"""A bound is pressed against from the wrong side where the slope is more than this share of its
+size."""
+
+APART_FROM_EIGENVALUE = ByDtype(1e-12, 1e-6)
+"""A matrix that its least eigenvalue is taken from, less this share of its trace, has a factor."""
+
+TWIST_REACHED = ByDtype(1e-9, 1e-4)
+"""A twist is reached where what is missing is below this share of it (or rad/s and m/s)."""
+
+OPTIMAL_RATES = ByDtype(1e-9, 1e-4)
+"""Joint rates are the optimum where the conditions for one are missed by less than this share of
+the largest (or rad/s)."""

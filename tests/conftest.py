@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import json
 import os
@@ -59,18 +60,28 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 _MOST_MAPS = 30_000
+_MOST_BYTES = 4e9
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _forget_programs() -> Iterator[None]:
-    """Release all programs where there are many: a process may map 65,530 pieces of memory.
-
-    Where a process has reached that limit of Linux, jaxlib crashes.
-    """
+    """Release all programs where there are many: a process may map 65,530 pieces of memory, beyond
+    which jaxlib crashes; and two workers must fit into the memory of a small machine."""
     yield
-    maps = Path("/proc/self/maps")
-    if not maps.exists() or maps.read_bytes().count(b"\n") > _MOST_MAPS:
-        jax.clear_caches()
+    # What the compiler has freed stays with the C library until it is asked for.
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.name == "posix" else None
+    if trim is not None:
+        trim(0)
+    process = Path("/proc/self")
+    if (process / "maps").exists():
+        pages = int((process / "statm").read_text().split()[1])
+        maps = (process / "maps").read_bytes().count(b"\n")
+        if maps < _MOST_MAPS and pages * os.sysconf("SC_PAGE_SIZE") < _MOST_BYTES:
+            return
+    jax.clear_caches()
+    gc.collect()
+    if trim is not None:
+        trim(0)
 
 
 @pytest.fixture

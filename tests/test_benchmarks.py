@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import xml.etree.ElementTree
 
 import numpy as np
 import pytest
 
-from benchmarks import collision, floors, kinematics, lanes, lie, measure
+from benchmarks import collision, floors, kinematics, lanes, lie, measure, motion, velocity
 from benchmarks.kinematics_peers import PACKAGES, urdf
 
 PEERS = [name for name in PACKAGES if name != "numpy"]
@@ -38,6 +39,24 @@ def test_collision():
     assert np.isnan(collision.measure(64, 4, 1, report, skip=tuple(collision.PEERS)))
     assert not report.wrong
     assert report.sections[-1].count("niryo_jax, clearance") == 6
+
+
+def test_motion():
+    report = measure.Report("", {})
+    motion.measure(32, 2, 2, 1, report, skip=("toppra", "ruckig"))
+    assert not report.wrong
+    assert len(report.claims) == 7
+
+
+def test_velocity():
+    report, peers = measure.Report("", {}), ("numpy", "qpax", "scipy")
+    velocity.measure(velocity.nj.robots.niryo_one(), 64, 1, report, skip=peers)
+    assert not report.wrong
+    assert report.sections[-1].count("niryo_jax, float") == 4
+    case = velocity.Case(velocity.nj.robots.niryo_one(), 64)
+    found = case.ours("float64", True)()
+    off = dataclasses.replace(found, rate=1.001 * found.rate)
+    assert len(case.wrong(off, "float64", True)) == 3, "limits, optimum, twists"
 
 
 @pytest.mark.parametrize("part", [lie, lanes])

@@ -165,3 +165,71 @@ def test_collision():
     assert result.all_collide
     assert result.before < 0 < 0.02 <= result.after
     assert result.moved < 20
+
+
+def test_timed_path(tmp_path):
+    picture = tmp_path / "motion.png"
+    drawing = importlib.util.find_spec("matplotlib") is not None
+    result = run("16_timed_path", *([picture] if drawing else []))
+    times = result.durations
+    assert times["fastest"] < times["smooth"]
+    assert times["careful"] > 0.3 / 0.1
+    assert max(result.shares) == pytest.approx(1.0, abs=1e-3)
+    assert result.off < 1e-9
+    assert result.samples == 1 + np.ceil(1e3 * times["fastest"])
+    assert picture.exists() == drawing
+
+
+def test_velocity_loop():
+    result = run("17_velocity_loop")
+    assert result.kept
+    assert result.singular < 1e-3
+    assert result.unlimited > 30
+    assert sum(result.statuses.values()) == 801
+    assert result.statuses["REACHED"] > 400
+    assert result.statuses["LIMITED"] > 20
+    assert result.strays[0] < 40
+    assert result.ends[0] < 1
+    assert result.ends[1] < 0.1
+
+
+def test_base_placement():
+    pytest.importorskip("optax")
+    result = run("18_base_placement")
+    assert result.reached == (9, 9)
+    assert result.after > result.before + np.deg2rad(10)
+
+
+def test_tool_design():
+    pytest.importorskip("optax")
+    result = run("19_tool_design")
+    assert result.reached[0] < 12 == result.reached[1]
+    assert result.worst > 1.5 * result.first_whole > 0
+    assert result.off < 1e-12
+
+
+def test_learned_inverse_kinematics():
+    pytest.importorskip("optax")
+    result = run("20_learn_inverse_kinematics")
+    assert result.after < 0.005 < 0.05 < result.before
+    assert result.polished < 1e-5
+
+
+def test_around_a_sphere(tmp_path):
+    pytest.importorskip("optimistix")
+    pytest.importorskip("optax")
+    picture = tmp_path / "path.png"
+    drawing = importlib.util.find_spec("matplotlib") is not None
+    result = run("21_around_a_sphere", *([picture] if drawing else []))
+    assert result.before < -0.02
+    assert min(result.adam, result.verified) > 0.015
+    assert result.ratio < 0.5
+    assert picture.exists() == drawing
+
+
+def test_hand_eye():
+    pytest.importorskip("optimistix")
+    result = run("22_hand_eye")
+    assert result.before > 0.05
+    assert np.all(np.abs(result.off) < 4 * result.deviations)
+    assert 0.8 < result.left < 1.2

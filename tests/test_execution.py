@@ -65,7 +65,7 @@ def sim():
 
 
 def connected(sim, at=START, **options):
-    arm = NiryoArm(sim.address, robot=ROBOT, timeout=5.0, **{"settle": 0.0, **options})
+    arm = NiryoArm(sim.address, robot=ROBOT, timeout=60.0, **{"settle": 0.0, **options})
     arm.connect()
     arm.calibrate()
     arm.move_joints(at)

@@ -16,14 +16,17 @@ from hypothesis import strategies as st
 from support import random_robot
 
 import niryo_jax as nj
-from benchmarks import honesty
+from benchmarks import honesty, singular
+from niryo_jax import lanes
 from niryo_jax.ik import IKStatus
 from niryo_jax.ik.complete.general_arm import are_proved, solve_general_arm
 from niryo_jax.ik.general.isolation import FAR, Roots, isolated
+from niryo_jax.ik.general.polynomial import equations_of, polynomial
 from niryo_jax.ik.methods.multistart import solve_multistart
-from niryo_jax.ik.trig_polynomial import UNBOUNDED, Polynomial
+from niryo_jax.ik.trig_polynomial import DEGREE, UNBOUNDED, Polynomial
 from niryo_jax.specialise import traced_geometry
 from niryo_jax.structure import closure
+from niryo_jax.tolerances import POLYNOMIAL_NOISE
 
 POSES = 256  # one shape, so one program, for most tests
 
@@ -301,3 +304,71 @@ def test_a_polynomial_without_roots_is_settled_and_noise_is_not():
     assert first[1]
     assert len(first[0]) == 0
     assert not second[1]
+
+
+# What noise is taken for, measured.
+
+
+@jax.jit
+def value_at_root(numbers, home, pose, q):
+    """(rows,) |g| at the angle of the kept joint of joint vectors that made the poses, in units of
+    the estimated noise."""
+    way, rows = closure.unflattened(numbers), len(pose)
+    home, goal = (lanes.contiguous_lanes(x, 2) for x in (home, pose))
+    g = polynomial(way, equations_of(way, goal, home, rows))
+    angle = jnp.sum(jnp.where(way.order == 0, q, 0.0), axis=1)
+    k = jnp.arange(1, DEGREE + 1)[:, None]
+    real, imaginary = g.coefficients[1 : DEGREE + 1], g.coefficients[DEGREE + 1 :]
+    waves = jnp.sum(real * jnp.cos(k * angle) - imaginary * jnp.sin(k * angle), axis=0)
+    return jnp.abs(g.coefficients[0] + 2 * waves) / (g.margin / POLYNOMIAL_NOISE)
+
+
+@pytest.mark.completeness
+@pytest.mark.parametrize(
+    ("name", "most", "beyond"),
+    [
+        ("random", 200, 0.0),
+        ("ur16e", 1e4, 2e-3),
+        ("abb_irb120", 1e4, 2e-3),
+        ("niryo_one", 1e4, 2e-3),
+    ],
+)
+def test_g_vanishes_at_known_roots_but_for_its_noise(name, most, beyond):
+    ratios = list[np.ndarray]()
+    for seed in range(20):
+        rng = np.random.default_rng([seed, 3])
+        size = 10.0 ** rng.uniform(-6, -2)
+        robot = (
+            random_robot(rng, 6) if name == "random" else off_by(nj.robots.load(name), rng, size)
+        )
+        q = rng.uniform(-np.pi, np.pi, (1000, 6))
+        pose, home = posed(robot, q), np.broadcast_to(robot.home, (1000, 4, 4))
+        screws = np.asarray(robot.screws)
+        for way in closure.eliminations(screws):
+            numbers = closure.flattened(closure.closure_numbers(screws, way))
+            ratios.append(np.asarray(value_at_root(numbers, home, pose, q)))
+    ratio = np.concatenate(ratios)
+    assert np.max(ratio) < most
+    assert np.mean(ratio > POLYNOMIAL_NOISE) <= beyond
+    # The estimate is of the right size, not large for safety.
+    assert np.median(ratio) > 0.1
+
+
+@pytest.mark.completeness
+@pytest.mark.parametrize("name", ["random", "ur16e", "abb_irb120", "niryo_one"])
+@pytest.mark.parametrize("distance", [1e-5, 1e-6, 1e-7, 1e-8])
+def test_roots_that_almost_merge_are_not_left_out_of_a_proof(name, distance):
+    # Noise moves simple roots; only a pair that is nearly one could vanish in it.
+    for seed in range(2):
+        rng = np.random.default_rng([seed, 7])
+        size = 10.0 ** rng.uniform(-6, -2)
+        robot = (
+            random_robot(rng, 6) if name == "random" else off_by(nj.robots.load(name), rng, size)
+        )
+        q = singular.near(robot, distance, 256, seed)
+        assert len(q) > 50
+        q = np.resize(q, (256, 6))
+        answer = nj.inverse_kinematics(robot, posed(robot, q))
+        made_by = has(answer, q, 1e-4)
+        assert np.all(made_by | ~np.asarray(answer.complete))
+        assert np.mean(made_by) > 0.99

@@ -182,6 +182,7 @@ def test_options_reach_the_library(cli, asked, tmp_path):
         "full": True,
         "dexterous": 0.1,
         "length": 0.5,
+        "collisions": None,
         "share": (1, 3),
     }
     (resumed,), named = asked[1]

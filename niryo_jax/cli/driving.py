@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 
+import numpy as np
+
 from niryo_jax import interruption
 from niryo_jax.cli.outcome import ExitCode, Failure, as_failure
 from niryo_jax.hardware import NiryoArm, NiryoError
-from niryo_jax.hardware.pick_and_place import Plan, PlannedStep, StepRecord, execute
+from niryo_jax.hardware.pick_and_place import Plan, PlannedStep, StepRecord, Vector, execute
+from niryo_jax.hardware.plan_clearance import PlanClearance
 from niryo_jax.robot import Robot
 
 
@@ -21,6 +24,7 @@ def driven(
     on_step: Callable[[StepRecord], None],
     shown: AbstractContextManager[object],
     pause: float = 0.0,
+    approach: Callable[[Vector], None] = lambda q: None,
 ) -> Failure | None:
     """Carry a plan out; Ctrl-C ends it after the move under way.
 
@@ -33,6 +37,8 @@ def driven(
         on_step: called with each record.
         shown: entered while the steps are carried out.
         pause: seconds between two steps.
+        approach: called with the joints (n,) where the arm stands before it is moved, radians;
+            raises a NiryoError where it may not go from there to the first step.
 
     Returns:
         Why it ended early, or None.
@@ -42,6 +48,7 @@ def driven(
         with NiryoArm(host, robot=robot) as arm:
             arm.calibrate()
             arm.use_tool(tool)
+            approach(planned.turned(arm.joints()))
             arm.release()
             with shown:
                 execute(planned, arm, on_step, pause=pause)
@@ -91,3 +98,29 @@ def _step_document(number: int, planned: PlannedStep, plan: Plan) -> dict[str, o
             "planned_error_m": planned.position_error,
         }
     return document
+
+
+def clearance_document(found: PlanClearance | None) -> dict[str, object] | None:
+    """How clear a plan is, for a JSON document; None where it was not looked at."""
+    if found is None:
+        return None
+    # Infinite where there is nothing to look at, which JSON has not.
+    steps = [float(x) if np.isfinite(x) else None for x in found.clearance]
+    return {
+        "least_m": steps[found.tightest],
+        "step": found.tightest + 1,
+        "pair": list(found.pairs[found.tightest]),
+        "steps_m": steps,
+        "samples": found.samples,
+    }
+
+
+def clearance_words(found: PlanClearance, planned: Plan) -> str:
+    """The least clearance of a plan, as a sentence."""
+    at = found.tightest
+    least = found.clearance[at]
+    if not np.isfinite(least):
+        return "Nothing of the arm's shape is held against anything: the plan was not looked at."
+    pair = " and ".join(found.pairs[at])
+    title = planned.steps[at].step.title
+    return f"Least clearance: {1e3 * least:.1f} mm, of {pair}, in step {at + 1} ({title})."

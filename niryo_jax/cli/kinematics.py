@@ -11,6 +11,7 @@ import typer
 
 from niryo_jax.chain import forward_kinematics
 from niryo_jax.cli.choice import ArmOption, BaseOption, TipOption, load_arm
+from niryo_jax.cli.clearances import Looked
 from niryo_jax.cli.console import busy, note_rounding, show_lines, show_table, stderr
 from niryo_jax.cli.explain import explain as explain_branches
 from niryo_jax.cli.explain import explained_table
@@ -31,7 +32,16 @@ from niryo_jax.cli.options import (
 )
 from niryo_jax.cli.outcome import ExitCode, Failure, print_json
 from niryo_jax.cli.poses import read_pose
+from niryo_jax.cli.shapes import (
+    CollisionModelOption,
+    CollisionOption,
+    CollisionToolOption,
+    MarginOption,
+    TableOption,
+    collision_check,
+)
 from niryo_jax.cli.tables import digits, solutions_table
+from niryo_jax.collision import Distances, FreeStatus
 from niryo_jax.ik import (
     IKSolutions,
     IKStatus,
@@ -119,6 +129,11 @@ def ik(
     ] = False,
     task: TaskOption = TaskChoice.POSE,
     tool_axis: ToolAxisOption = None,
+    collision: CollisionOption = False,
+    table: TableOption = None,
+    margin: MarginOption = None,
+    collision_model: CollisionModelOption = None,
+    collision_tool: CollisionToolOption = None,
     robot: ArmOption = "niryo_one",
     base: BaseOption = None,
     tip: TipOption = None,
@@ -138,6 +153,9 @@ def ik(
         only_position=task is TaskChoice.POSITION,
     )
     arm = load_arm(robot, base, tip)
+    check = collision_check(
+        arm, collision, table, margin, collision_model, collision_tool, base, tip
+    )
     try:
         with busy("Solving"):
             # As numpy, of which single numbers are taken without a program for each.
@@ -145,6 +163,7 @@ def ik(
                 inverse_kinematics(arm, jax.device_put(pose), task=task.value, tool_axis=axis)
             )
             branches = explain_branches(seeded_branches(arm, pose), solutions) if explain else []
+            looked = None if check is None else Looked.at(check, arm, solutions)
     except ValueError as error:
         raise Failure(str(error), ExitCode.USAGE) from error
     status = IKStatus(int(solutions.status))
@@ -165,19 +184,23 @@ def ik(
     document |= {"pose": pose.tolist(), "pose_distance": distance}
     document |= {"free_joints": [arm.joint_names[joint] for joint in solutions.free]}
     document |= {"solutions": _as_documents(solutions)}
+    if looked is not None:
+        looked.add_to(document)
     if explain:
         document["branches"] = [branch.as_document() for branch in branches]
     if not as_json:
-        _show(arm, solutions, degrees)
+        _show(arm, solutions, degrees, None if looked is None else looked.apart)
         if explain:
             show_table(explained_table(branches))
         note_rounding(distance)
     if status is not IKStatus.SOLVED:
         raise Failure(message, ExitCode.NO_SOLUTION, document)
+    if looked is not None and looked.status is not FreeStatus.FREE:
+        raise Failure(looked.free.message(), ExitCode.COLLISION, document)
     if as_json:
         print_json(document)
     else:
-        show_lines(message)
+        show_lines(message, *([] if looked is None else [looked.said()]))
 
 
 def _tool_axis(task: TaskChoice, given: tuple[str, str, str] | None) -> Vector:
@@ -196,11 +219,13 @@ def _tool_axis(task: TaskChoice, given: tuple[str, str, str] | None) -> Vector:
     return axis
 
 
-def _show(arm: Robot, solutions: IKSolutions, degrees: bool) -> None:
+def _show(
+    arm: Robot, solutions: IKSolutions, degrees: bool, apart: Distances | None = None
+) -> None:
     """The solutions as a table, and with all their digits."""
     if solutions.count == 0:
         return
-    show_table(solutions_table(arm, solutions, degrees))
+    show_table(solutions_table(arm, solutions, degrees, apart))
     if solutions.task != "pose":
         known = "all that there are" if solutions.complete else "some of those that there may be"
         show_lines(f"Bound: {BOUND[solutions.task][1]}. These solutions are {known}.")

@@ -21,6 +21,7 @@ class ExitCode(Code):
     MISSING_EXTRA = 5, "an optional package is not installed"
     STORE = 6, "a map's store cannot be used or written"
     OUTPUT = 7, "standard output is closed or full"
+    COLLISION = 8, "all joint angles within the limits, or a move of a plan, collide"
     INTERRUPTED = interruption.INTERRUPTED, "interrupted with Ctrl-C"
     PIPE = 141, "the program that read the output ended before its end"
 
@@ -55,6 +56,7 @@ def as_failure(error: Exception) -> Failure:
     # Not above: most commands need neither a robot nor a map, and importing them takes its time.
     from niryo_jax.hardware import ArgumentRejected, NiryoError, PyniryoMissing
     from niryo_jax.hardware.pick_and_place import StepUnsolvable
+    from niryo_jax.hardware.plan_clearance import StepCollides
     from niryo_jax.workspace import StoreError
 
     match error:
@@ -62,6 +64,8 @@ def as_failure(error: Exception) -> Failure:
             return error
         case StepUnsolvable():
             code = ExitCode.NO_SOLUTION
+        case StepCollides():
+            code = ExitCode.COLLISION
         case PyniryoMissing():
             code = ExitCode.MISSING_EXTRA
         case ArgumentRejected():

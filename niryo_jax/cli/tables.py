@@ -11,6 +11,7 @@ from rich import box
 from rich.table import Table
 
 from niryo_jax.cli.options import in_unit, joint_unit_name, joint_units
+from niryo_jax.collision import Distances
 from niryo_jax.ik import IKSolutions
 from niryo_jax.robot import Robot
 
@@ -41,8 +42,10 @@ def digits(values: ArrayLike) -> str:
     return ", ".join(np.format_float_positional(x, precision=12, trim="0") for x in shown)
 
 
-def solutions_table(robot: Robot, solutions: IKSolutions, degrees: bool) -> Table:
-    """The solutions of one pose, best first."""
+def solutions_table(
+    robot: Robot, solutions: IKSolutions, degrees: bool, apart: Distances | None = None
+) -> Table:
+    """The solutions of one pose, best first; with their clearance where distances are given."""
     table = new_table(f"Solutions, joints in {joint_unit_name(robot, degrees)}")
     table.add_column("", justify="right")
     for name in robot.joint_names:
@@ -53,6 +56,9 @@ def solutions_table(robot: Robot, solutions: IKSolutions, degrees: bool) -> Tabl
     if solutions.task == "direction":
         table.add_column("axis off by (rad)", justify="right")
         errors.append(solutions.rotation_error)
+    if apart is not None:
+        table.add_column("clearance (mm)", justify="right")
+        table.add_column("nearest", no_wrap=True)
     units = joint_units(robot, degrees)
     decimals = np.where(units == 1.0, 4, 2)
     for slot in np.flatnonzero(np.asarray(solutions.found)):
@@ -60,8 +66,17 @@ def solutions_table(robot: Robot, solutions: IKSolutions, degrees: bool) -> Tabl
         row = [f"{round(float(value), count) + 0.0:.{count}f}" for value, count in shown]
         within = "yes" if solutions.within_limits[slot] else "no"
         missed = (f"{float(error[slot]):.0e}" for error in errors)
-        table.add_row(str(slot + 1), *row, within, *missed)
+        room = () if apart is None else _room(apart, int(slot))
+        table.add_row(str(slot + 1), *row, within, *missed, *room)
     return table
+
+
+def _room(apart: Distances, slot: int) -> tuple[str, str]:
+    """The least distance of a solution, and between what."""
+    if not apart.pairs:
+        return "", ""
+    least = float(np.min(apart.distance[slot]))
+    return f"{1e3 * least + 0.0:.1f}", ", ".join(apart.nearest_pair(slot))
 
 
 def plan_table(plan: Plan) -> Table:

@@ -15,6 +15,14 @@ from niryo_jax.cli.choice import ArmArgument, BaseOption, TipOption, load_arm
 from niryo_jax.cli.console import busy, show_lines, show_table, stderr
 from niryo_jax.cli.options import JsonOption
 from niryo_jax.cli.outcome import ExitCode, Failure, print_json
+from niryo_jax.cli.shapes import (
+    CollisionModelOption,
+    CollisionOption,
+    CollisionToolOption,
+    MarginOption,
+    TableOption,
+    collision_check,
+)
 from niryo_jax.cli.workspace_files import (
     file_name,
     refusals,
@@ -80,6 +88,11 @@ def make_map(
         float, typer.Option(help="Metres that count as much as a radian in singular values.")
     ] = 1.0,
     full: Annotated[bool, typer.Option("--full", help="Keep the numbers of each pose.")] = False,
+    collision: CollisionOption = False,
+    table: TableOption = None,
+    margin: MarginOption = None,
+    collision_model: CollisionModelOption = None,
+    collision_tool: CollisionToolOption = None,
     base: BaseOption = None,
     tip: TipOption = None,
     share: ShareOption = None,
@@ -92,14 +105,18 @@ def make_map(
 ) -> None:
     """Test every orientation at the centre of every voxel by complete inverse kinematics.
 
+    With --collision a pose counts as reached only by an arm that does not collide.
     A run that was ended goes on when the same command is given again, or `resume`.
     """
     part = _share(context, share, distributed)
     robot = load_arm("niryo_one" if arm is None else arm, base, tip)
     corners = None if bounds is None else (bounds[:3], bounds[3:])
+    check = collision_check(
+        robot, collision, table, margin, collision_model, collision_tool, base, tip
+    )
     with refusals():
         chosen = ws.orientations(orientations, kind, seed=seed, rolls=rolls, axis=axis)
-        spec = ws.MapSpec.of(robot, voxel, corners, chosen, dexterous, length, None, full)
+        spec = ws.MapSpec.of(robot, voxel, corners, chosen, dexterous, length, None, full, check)
         if dry_run:
             with busy("measuring a few tiles"):
                 cost = ws.estimate(spec)
@@ -117,6 +134,7 @@ def make_map(
                 full=full,
                 dexterous=dexterous,
                 length=length,
+                collisions=check,
                 share=part,
                 progress=progress,
             )
@@ -294,9 +312,11 @@ def _share(context: typer.Context, share: str | None, distributed: bool) -> tupl
 
 def _announce(spec: ws.MapSpec, where: Path) -> None:
     grid = spec.grid
+    free = "" if spec.collisions is None else ", free of collisions"
     said = (
-        f"{spec.robot.name}: {grid.size:,} voxels of {grid.voxel:g} m x {len(spec.quaternions):,} "
-        f"orientations = {spec.poses:,} poses, to {where} (the bar stands while JAX compiles)"
+        f"{spec.robot.name}{free}: {grid.size:,} voxels of {grid.voxel:g} m x "
+        f"{len(spec.quaternions):,} orientations = {spec.poses:,} poses, to {where} "
+        "(the bar stands while JAX compiles)"
     )
     # As text, for names may look like markup.
     stderr().print(Text(said))

@@ -16,6 +16,7 @@ from niryo_jax import workspace as ws
 from niryo_jax.cli.console import show_table, stderr
 from niryo_jax.cli.outcome import print_json
 from niryo_jax.cli.tables import new_table
+from niryo_jax.collision import CollisionCheck
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -47,6 +48,7 @@ def report(found: xr.Dataset, where: Path, as_json: bool) -> None:
         said = f"{where}: of {undecided:,} poses it is not proved that all solutions were found, "
         stderr().print(Text(f"{said}so that volumes and counts may be too small"))
     attributes = found.attrs
+    check = ws.collisions_of(found)
     numbers = {
         "store": str(where),
         "robot": attributes["robot_name"],
@@ -55,9 +57,11 @@ def report(found: xr.Dataset, where: Path, as_json: bool) -> None:
         "orientations": found.sizes["orientation"],
         "orientation_kind": attributes["orientation_kind"],
         "exact": bool(attributes["exact"]),
+        "collisions": _looked_at(check),
         "chunks_missing": missing,
         "poses": poses,
         "poses_reached": reached,
+        "poses_colliding": _colliding(found),
         "poses_undecided": undecided,
         "volume": None if missing else volume.value,
         "volume_lower": None if missing else volume.lower,
@@ -67,6 +71,23 @@ def report(found: xr.Dataset, where: Path, as_json: bool) -> None:
         "best_manipulability": _largest(found["manipulability_best"].values),
     }
     show(f"Capability map of {attributes['robot_name']}", numbers, as_json)
+
+
+def _looked_at(check: CollisionCheck | None) -> str:
+    """What the arm had to stay clear of, in words."""
+    if check is None:
+        return "not looked at"
+    around = check.world.names if check.world is not None else ()
+    apart = f", {1e3 * check.margin:.4g} mm apart" if check.margin else ""
+    return f"none with {', '.join(('itself', *around))}{apart}"
+
+
+def _colliding(found: xr.Dataset) -> int | None:
+    """How many poses are reached by colliding alone; None where collisions were not looked at."""
+    if "colliding_fraction" not in found:
+        return None
+    shares = found["colliding_fraction"].values.astype(np.float64)
+    return round(float(np.nansum(shares)) * found.sizes["orientation"])
 
 
 def _largest(values: np.ndarray) -> float | None:

@@ -14,11 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from niryo_jax.arguments import check_number, shown
+from niryo_jax.arguments import check_number
 from niryo_jax.collision.model import CollisionModel, check_is_model
 from niryo_jax.collision.program import Layout, Shapes, all_distances, least_distance, shapes_of
 from niryo_jax.collision.world import World, check_is_world
-from niryo_jax.ik import IKSolutions
 from niryo_jax.lanes.batching import as_floating, check_shape
 from niryo_jax.robot import Robot, check_is_robot
 
@@ -113,64 +112,25 @@ def collides(
     Raises:
         ValueError, TypeError: as `clearance`; a margin that is no finite number.
     """
-    margin = _check_margin(margin)
+    margin = check_margin(margin)
     return ~(clearance(robot, model, q, world) > margin)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Free:
-    """Which solutions of inverse kinematics are free of collisions.
-
-    Attributes:
-        clear: (..., slots) whether the slot holds a solution that keeps the margin, whether or not
-            it is within the joint limits.
-        clearance: (..., slots) metres; minus infinity where no solution was found.
-        all_collide: (...,) whether it is known that each solution of the pose comes nearer than the
-            margin: the set is complete, and there are some.
-    """
-
-    clear: jax.Array
-    clearance: jax.Array
-    all_collide: jax.Array
-
-
-def free(
-    robot: Robot,
-    model: CollisionModel,
-    solutions: IKSolutions,
-    world: World | None = None,
-    margin: float = 0.0,
-) -> Free:
-    """Which solutions of inverse kinematics are free of collisions.
-
-    Args:
-        robot: the arm that was solved for.
-        model, world: as for `clearance`.
-        solutions: what `inverse_kinematics` returned, batch axes (...).
-        margin: metres by which all is to be apart.
-
-    Returns:
-        A `Free`. Within `free(...).clear & solutions.within_limits` are those that the arm can
-        take; angles are meant as they are, since whole turns change no distance.
+def check_margin(margin: Any) -> float:
+    """A margin, which is a finite number of metres.
 
     Raises:
-        ValueError, TypeError: as `collides`; solutions that are none, or of another arm.
+        ValueError, TypeError: it is none.
     """
-    if not isinstance(solutions, IKSolutions):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise TypeError(f"solutions: expected IKSolutions, got {shown(solutions)}")
-    margin = _check_margin(margin)
-    check_is_robot(robot)
-    check_shape("solutions", solutions.q, (robot.joints,))
-    apart = clearance(robot, model, solutions.q, world)
-    apart = jnp.where(solutions.found, apart, -jnp.inf)
-    clear = solutions.found & (apart > margin)
-    some, none = jnp.any(solutions.found, axis=-1), ~jnp.any(clear, axis=-1)
-    return Free(clear, apart, solutions.complete & some & none)
-
-
-def _check_margin(margin: Any) -> float:
     return check_number("margin", margin, "a finite number", lambda x: bool(np.isfinite(x)))
+
+
+def check_fits(robot: Robot, model: CollisionModel) -> None:
+    """Raise a ValueError unless the arm has all links of the model."""
+    if max(model.links) > robot.joints:
+        raise ValueError(
+            f"model: expected links of an arm of {robot.joints} joints, got link {max(model.links)}"
+        )
 
 
 def _checked(
@@ -182,8 +142,5 @@ def _checked(
     check_is_world(world)
     q = as_floating("q", q)
     check_shape("q", q, (robot.joints,))
-    if max(model.links) > robot.joints:
-        raise ValueError(
-            f"model: expected links of an arm of {robot.joints} joints, got link {max(model.links)}"
-        )
+    check_fits(robot, model)
     return q, *shapes_of(model, world, q)

@@ -10,13 +10,14 @@ configuration calls the others adjacent, or never in collision).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from niryo_jax.arguments import check_choice, check_number
 from niryo_jax.collision.model import CollisionModel
-from niryo_jax.robots import NIRYO_NED, NIRYO_NED2, NIRYO_ONE, NiryoModel
+from niryo_jax.robot import Robot, check_is_robot
+from niryo_jax.robots import MODELS, NIRYO_NED, NIRYO_NED2, NIRYO_ONE, NiryoModel
 
 _RADII: Mapping[str, float] = {
     "base": 0.1,
@@ -69,6 +70,44 @@ def niryo_ned(tool: str | float | None = None) -> CollisionModel:
 def niryo_ned2(tool: str | float | None = None) -> CollisionModel:
     """The shape of the Niryo Ned2; argument and errors as `niryo_one`."""
     return _model(NIRYO_NED2, tool)
+
+
+SHAPES: Mapping[str, Callable[[str | float | None], CollisionModel]] = {
+    "niryo_one": niryo_one,
+    "niryo_ned": niryo_ned,
+    "niryo_ned2": niryo_ned2,
+}
+"""The shapes that come with the package, by the names of the arms."""
+
+_ALIKE = 0.05
+"""Radians and metres by which the axes of an arm may be worn, or calibrated, and have its shape."""
+
+
+def shipped(robot: Robot, tool: str | float | None = None) -> CollisionModel:
+    """The shape that comes with the package for an arm: a Niryo, known by its name and its axes.
+
+    Args:
+        robot: the arm, concrete.
+        tool: as for `niryo_one`.
+
+    Raises:
+        ValueError: no shape comes for this arm, an unknown tool.
+        TypeError: no robot, a traced robot, a tool that is neither a name nor a number.
+    """
+    check_is_robot(robot)
+    robot.known_screws()
+    if robot.name in SHAPES and axes_alike(robot, MODELS[robot.name].robot()):
+        return SHAPES[robot.name](tool)
+    raise ValueError(
+        f"robot: expected an arm whose shape comes with the package ({', '.join(SHAPES)}), got "
+        f"{robot.name}"
+    )
+
+
+def axes_alike(robot: Robot, other: Robot) -> bool:
+    """Whether two concrete arms have their axes in the same places, wear aside."""
+    first, second = robot.known_screws(), other.known_screws()
+    return first.shape == second.shape and bool(np.all(np.abs(first - second) < _ALIKE))
 
 
 def _model(arm: NiryoModel, tool: str | float | None) -> CollisionModel:

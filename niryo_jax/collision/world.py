@@ -175,8 +175,9 @@ class World(Record):
         poses = as_data("box_poses", poses)
         if poses.ndim == 2 and poses.shape[-1] == 3:
             library = np if isinstance(poses, np.ndarray) else jnp
-            turned = library.broadcast_to(library.eye(4)[:, :3], (len(poses), 4, 3))
-            column = library.concatenate([poses, library.ones((len(poses), 1))], axis=1)
+            count, dtype = len(poses), poses.dtype
+            turned = library.broadcast_to(library.eye(4, 3, dtype=dtype), (count, 4, 3))
+            column = library.concatenate([poses, library.ones((count, 1), dtype)], axis=1)
             poses = library.concatenate([turned, column[..., None]], axis=2)
         return cls._of("box", names, ignored, box_poses=poses, box_half_sizes=half_sizes)
 

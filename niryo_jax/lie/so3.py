@@ -119,10 +119,12 @@ def exp_lanes(w: Lanes) -> Lanes:
 def axis_angle_lanes(w: Lanes) -> tuple[Lanes, Lane]:
     """`axis_angle` on lanes, at any scale."""
     largest = lanes.maximum(abs(w[0]), lanes.maximum(abs(w[1]), abs(w[2])))
-    scale = Lane(jax.lax.stop_gradient(lanes.select(largest > 0.0, largest, 1.0).array))
-    unit = w * (1.0 / scale)
+    some = largest > 0.0
+    scale = Lane(jax.lax.stop_gradient(lanes.select(some, largest, 1.0).array))
+    # A factor of 0, so that the zero vector has no derivative either.
+    unit = w * lanes.select(some, 1.0 / scale, 0.0)
     length = lanes.norm(unit)
-    return unit * (1.0 / lanes.select(largest > 0.0, length, 1.0)), length * scale
+    return unit * (1.0 / lanes.select(some, length, 1.0)), length * scale
 
 
 def hat_squared(w: Lanes) -> Lanes:

@@ -56,7 +56,7 @@ def quintic_time_scaling(t: ArrayLike, duration: ArrayLike) -> TimeScaling:
     Arguments, result and errors as `cubic_time_scaling` (Lynch & Park, section 9.2.2). The rate
     is at most 15 / (8 T), the acceleration 10 / (sqrt(3) T^2).
     """
-    return _clamped(_quintic, t, duration)
+    return _clamped(quintic, t, duration)
 
 
 def sampled(
@@ -103,13 +103,14 @@ def _cubic(u: jax.Array) -> TimeScaling:
 
 
 @jax.jit
-def _quintic(u: jax.Array) -> TimeScaling:
+def quintic(u: jax.Array) -> TimeScaling:
+    """The scaling of shares u of a duration in [0, 1], and its derivatives by u."""
     rest = u * (1.0 - u)
     s = u * u * u * (10.0 - u * (15.0 - 6.0 * u))
     return TimeScaling(s, 30.0 * rest * rest, 60.0 * rest * (1.0 - 2.0 * u))
 
 
-_POLYNOMIALS = {"cubic": _cubic, "quintic": _quintic}
+_POLYNOMIALS = {"cubic": _cubic, "quintic": quintic}
 
 
 def _clamped(

@@ -29,6 +29,7 @@ class NiryoModel:
         tool: (x, z) of the home position of the tool frame.
         limits_deg: source name -> ((lower, upper), ...) per joint. The first is the default.
         max_velocity: largest speed of each joint (MoveIt configuration of the robot).
+        max_acceleration: rad/s^2, of the same source.
         position_bounds: source ranges ((low, high), ...) of x, y, z that the robot's own command
             validation accepts for the tool frame.
         tools: tool name -> translation of the tool centre point in the tool frame.
@@ -43,6 +44,7 @@ class NiryoModel:
     tool: tuple[float, float]
     limits_deg: Mapping[str, tuple[tuple[float, float], ...]]
     max_velocity: tuple[float, ...]
+    max_acceleration: tuple[float, ...]
     position_bounds: tuple[tuple[float, float], ...]
     tools: Mapping[str, tuple[float, float, float]]
     source: str = "NiryoRobotics/ned_ros v5.6.3"
@@ -96,6 +98,7 @@ NIRYO_ONE = NiryoModel(
         ),
     },
     max_velocity=(2.2, 2.0, 2.0, 2.0, 2.0, 2.0),
+    max_acceleration=(1.5, 1.5, 1.4, 1.3, 1.5, 1.0),
     position_bounds=((-0.5, 0.5), (-0.5, 0.5), (-0.15, 0.65)),
     tools={
         "none": (0.0, 0.0, 0.0),
@@ -125,6 +128,7 @@ NIRYO_NED = NiryoModel(
         ),
     },
     max_velocity=(2.4, 1.6, 1.7, 3.14, 3.14, 3.14),
+    max_acceleration=(2.2, 1.5, 1.6, 3.0, 3.0, 4.0),
     position_bounds=((-0.5, 0.5), (-0.5, 0.5), (-0.15, 0.6)),
     tools={
         "none": (0.0, 0.0, 0.0),
@@ -154,6 +158,7 @@ NIRYO_NED2 = NiryoModel(
         ),
     },
     max_velocity=(1.57, 1.047, 1.57, 3.14, 3.14, 3.14),
+    max_acceleration=(2.0, 0.8, 2.0, 3.0, 3.0, 3.0),
     position_bounds=((-0.5, 0.5), (-0.5, 0.5), (-0.15, 0.6)),
     tools={
         "none": (0.0, 0.0, 0.0),

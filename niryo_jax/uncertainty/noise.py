@@ -153,7 +153,7 @@ class Gaussian(Noise):
             raise ValueError(f"sigma: expected 0 or more, got {sigma}")
         # Of numpy where it can be, so that nothing of float64 is lost without x64.
         library = np if isinstance(sigma, np.ndarray) else jnp
-        return cls(library.eye(sigma.shape[-1]) * (sigma * sigma)[..., None])
+        return cls(library.eye(sigma.shape[-1], dtype=sigma.dtype) * (sigma * sigma)[..., None])
 
     def _checked(self, q: ArrayLike) -> jax.Array:
         q = as_floating("q", q)

@@ -7,7 +7,7 @@ it needs jax and numpy alone.
 from niryo_jax.workspace import plots
 from niryo_jax.workspace.capability import Estimate, capability_map, estimate, open_map, resume
 from niryo_jax.workspace.compare import compare
-from niryo_jax.workspace.description import robot_of
+from niryo_jax.workspace.description import collisions_of, robot_of
 from niryo_jax.workspace.export import from_npz, to_npz, to_ply
 from niryo_jax.workspace.extent import extent
 from niryo_jax.workspace.forward import forward_map, joint_samples
@@ -30,6 +30,7 @@ __all__ = [
     "Volume",
     "base_placement",
     "capability_map",
+    "collisions_of",
     "compare",
     "estimate",
     "extent",

@@ -15,6 +15,7 @@ import jax
 import numpy as np
 
 from niryo_jax.arguments import check_count, check_path, shown
+from niryo_jax.collision import CollisionCheck
 from niryo_jax.ik import Method
 from niryo_jax.robot import Robot
 from niryo_jax.workspace.orientations import Orientations
@@ -44,6 +45,7 @@ def capability_map(
     dexterous: float = 0.05,
     length: float = 1.0,
     method: Method | None = None,
+    collisions: CollisionCheck | None = None,
     share: Share | None = None,
     progress: Progress | None = None,
 ) -> xr.Dataset:
@@ -63,6 +65,9 @@ def capability_map(
         length: metres by which the linear rows of the Jacobian are divided for singular values.
         method: as in `inverse_kinematics`; "complete" where the arm has one, and then the map is
             exact: a pose counts as not reached only where that is proved.
+        collisions: what the arm has to stay clear of: itself, and a world in its space frame. A
+            pose then counts as reached only where a solution within the limits does not collide,
+            and measures are those of such solutions.
         share: (index, count): compute part of the chunks only, as one of so many processes that
             share the store. Where not given, that of this process under `jax.distributed`
             (`workspace.one_of_many`), and the call returns when the others have brought theirs.
@@ -77,11 +82,13 @@ def capability_map(
     Raises:
         ValueError: NaN limits, empty bounds, a voxel larger than the workspace, a share that is
             none, other arguments out of range.
-        TypeError: a traced robot.
+        TypeError: a traced robot, no collision check.
         StoreError: the store is of another map, is in use, or cannot be written.
         ImportError: the extra `workspace` is not installed.
     """
-    spec = MapSpec.of(robot, voxel, bounds, orientations, dexterous, length, method, full)
+    spec = MapSpec.of(
+        robot, voxel, bounds, orientations, dexterous, length, method, full, collisions
+    )
     part = _part(share)
     return _fill(MapStore.create(_path(store), spec), spec, part, progress, wait=share is None)
 

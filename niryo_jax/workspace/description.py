@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from niryo_jax.collision import CollisionCheck
 from niryo_jax.robot import Robot
 from niryo_jax.workspace.fields import check_map
 
@@ -69,3 +70,14 @@ def robot_of(map: xr.Dataset) -> Robot:
     if "robot" not in map.attrs:
         raise ValueError("map: expected a workspace map, whose attributes name its robot")
     return robot_from(str(map.attrs["robot"]))
+
+
+def collisions_of(map: xr.Dataset) -> CollisionCheck | None:
+    """What the arm had to stay clear of in a map; None where collisions were not looked at.
+
+    Raises:
+        ValueError: the map's attributes are damaged.
+    """
+    check_map("map", map)
+    text = map.attrs.get("collisions")
+    return None if text is None else CollisionCheck.from_text(str(text))

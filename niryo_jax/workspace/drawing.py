@@ -161,6 +161,8 @@ def title(map: xr.Dataset, between: str = "  ·  ") -> str:
     known = map.attrs
     names = [str(known[key]) for key in ("robot_name", "robot_a", "robot_b") if key in known]
     parts = [" → ".join(names), f"voxel {1e3 * float(known['voxel']):.4g} mm"]
+    if known.get("collisions") is not None:
+        parts.append("free of collisions")
     if "orientations" in known:
         parts.append(f"{known['orientations']} orientations")
     if "solution_histogram" in map:

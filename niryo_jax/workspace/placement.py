@@ -24,9 +24,10 @@ from niryo_jax.arguments import (
     check_number,
     check_positive,
 )
+from niryo_jax.collision import CollisionCheck
 from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.tolerances import AXES_PARALLEL
-from niryo_jax.workspace.description import robot_of
+from niryo_jax.workspace.description import collisions_of, robot_of
 from niryo_jax.workspace.fields import check_map
 from niryo_jax.workspace.measures import pose_measures
 from niryo_jax.workspace.progress import Progress
@@ -91,7 +92,9 @@ def base_placement(
     what is reached: where that is thinner than a voxel, or the map has few orientations.
 
     Args:
-        map: capability map of the arm. What lies outside of its box counts as not reached.
+        map: capability map of the arm. What lies outside of its box counts as not reached. Where
+            collisions were looked at in it, they are here: obstacles stand around the base, and
+            move with it.
         task_poses: (t, 4, 4) of the tool, world frame, metres.
         robot: the arm, where it is not the one that the map was made of.
         region: ((x0, y0), (x1, y1)) in which the base may stand, metres; where not given, the box
@@ -118,6 +121,7 @@ def base_placement(
     step = float(map.attrs["voxel"]) if step is None else step
     _check_numbers(step, headings, height, most)
     robot = robot_of(map) if robot is None else robot
+    collisions = collisions_of(map)
     seen = _Seen.by(map)
     places = _places(_region(region, tasks, seen.reach), step)
     headings = check_fits("headings", headings, 1, len(places))
@@ -134,7 +138,7 @@ def base_placement(
             # A program for a small batch takes longer to compile than a full one to run.
             which = np.minimum(np.arange(start, start + batch), len(turn) - 1)
             base = _bases(places[place[which]], turns[turn[which]], height)
-            found = _evaluate(robot, base, turns[turn[which]], tasks)
+            found = _evaluate(robot, base, turns[turn[which]], tasks, collisions)
             new = min(batch, len(turn) - start)
             best, evaluated = best.merged(found, new, most), evaluated + new
             if progress is not None:
@@ -232,7 +236,13 @@ class _Seen(NamedTuple):
         return np.clip(index, 0, self.near.shape[axis] - 1)
 
 
-def _evaluate(robot: Robot, base: np.ndarray, heading: np.ndarray, tasks: np.ndarray) -> _Found:
+def _evaluate(
+    robot: Robot,
+    base: np.ndarray,
+    heading: np.ndarray,
+    tasks: np.ndarray,
+    collisions: CollisionCheck | None,
+) -> _Found:
     """What complete inverse kinematics says of bases (k, 4, 4)."""
     rotation = base[:, None, :3, :3]
     pose = np.zeros((len(base), len(tasks), 4, 4))
@@ -240,7 +250,7 @@ def _evaluate(robot: Robot, base: np.ndarray, heading: np.ndarray, tasks: np.nda
     away = tasks[:, :3, 3] - base[:, None, :3, 3]
     pose[..., :3, 3] = (away[..., None, :] @ rotation)[..., 0, :]
     pose[..., 3, 3] = 1
-    measures = pose_measures(robot, pose)
+    measures = pose_measures(robot, pose, collisions=collisions)
     reached = np.asarray(measures.solutions) > 0
 
     def least(measure: ArrayLike) -> np.ndarray:

@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from niryo_jax.arguments import check_choice, check_count, check_number
+from niryo_jax.collision import CollisionCheck
 from niryo_jax.ik import Method, method_for
 from niryo_jax.ik.results.solutions import SLOTS
 from niryo_jax.robot import Robot
 from niryo_jax.workspace.description import robot_from, robot_text
 from niryo_jax.workspace.extent import box
 from niryo_jax.workspace.grid import Grid
-from niryo_jax.workspace.measures import check_length, check_robot
+from niryo_jax.workspace.measures import check_collisions, check_length, check_robot
 from niryo_jax.workspace.orientations import Orientations, orientations, rotations_of
 from niryo_jax.workspace.variables import VOXELS, Variable, variables
 
@@ -58,6 +59,7 @@ class MapSpec:
         length: metres by which the linear rows of the Jacobian are divided for singular values.
         method: how poses are solved.
         full: whether the numbers of every single pose are kept.
+        collisions: what a solution has to stay clear of to count, or None.
     """
 
     robot: Robot
@@ -68,6 +70,7 @@ class MapSpec:
     length: float
     method: Method
     full: bool
+    collisions: CollisionCheck | None = None
 
     @classmethod
     def of(
@@ -80,6 +83,7 @@ class MapSpec:
         length: float = 1.0,
         method: Method | None = None,
         full: bool = False,
+        collisions: CollisionCheck | None = None,
     ) -> MapSpec:
         """What the arguments of `capability_map` ask for.
 
@@ -88,6 +92,7 @@ class MapSpec:
         """
         check_robot(robot)
         check_length(length)
+        check_collisions(robot, collisions)
         check_number("dexterous", dexterous, "a number of at least 0", lambda x: 0 <= x < math.inf)
         if method is not None:
             check_choice("method", method, get_args(Method))
@@ -104,6 +109,8 @@ class MapSpec:
             float(length),
             method or method_for(robot),
             full,
+            # As a store gives it back, so that both compute with the same bits.
+            None if collisions is None else CollisionCheck.from_text(collisions.text()),
         )
 
     @property
@@ -119,7 +126,7 @@ class MapSpec:
     @property
     def variables(self) -> dict[str, Variable]:
         """What is stored."""
-        return variables(self.full)
+        return variables(self.full, self.collisions is not None)
 
     @property
     def sizes(self) -> dict[str, int]:
@@ -167,9 +174,10 @@ class MapSpec:
 
     def attributes(self) -> dict[str, Any]:
         """All that the numbers depend on, as JSON holds it."""
-        chosen = self.orientations
+        chosen, collisions = self.orientations, self.collisions
+        title = f"Capability map of {self.robot.name}"
         return {
-            "title": f"Capability map of {self.robot.name}",
+            "title": title if collisions is None else f"{title}, free of collisions",
             "robot_name": self.robot.name,
             "robot": robot_text(self.robot),
             "voxel": self.grid.voxel,
@@ -185,6 +193,7 @@ class MapSpec:
             "method": self.method,
             "exact": int(self.method == "complete"),
             "full": int(self.full),
+            "collisions": None if collisions is None else collisions.text(),
             "dtype": str(jnp.result_type(float)),
             "platform": jax.default_backend(),
             "niryo_jax": _version(),
@@ -202,6 +211,8 @@ class MapSpec:
             x, y, z = attributes["first_voxel"]
             nx, ny, nz = attributes["shape"]
             axis = attributes["orientation_axis"]
+            # Not an attribute of maps that were made before collisions were looked at.
+            collisions = attributes.get("collisions")
             chosen = Orientations(
                 rotations_of(quaternions),
                 attributes["orientation_kind"],
@@ -218,6 +229,7 @@ class MapSpec:
                 attributes["length"],
                 attributes["method"],
                 bool(attributes["full"]),
+                None if collisions is None else CollisionCheck.from_text(collisions),
             )
         except KeyError as error:
             raise ValueError(f"map: expected the attribute {error} of a capability map") from None

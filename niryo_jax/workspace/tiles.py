@@ -161,7 +161,13 @@ def _tile(
     """The variables of a map for voxels (v, 3), those of chunks summed into one row (1, ...)."""
     voxels, count = len(centres), len(rotations)
     pose = se3.from_rotation_and_position(rotations, centres[:, None])
-    flat = measure(spec.robot, pose.reshape(-1, 4, 4), method=spec.method, length=spec.length)
+    flat = measure(
+        spec.robot,
+        pose.reshape(-1, 4, 4),
+        method=spec.method,
+        length=spec.length,
+        collisions=spec.collisions,
+    )
     poses = PoseMeasures(*(x.reshape(voxels, count) for x in flat))
     reached = poses.solutions > 0
     some = jnp.any(reached, axis=1)
@@ -174,6 +180,7 @@ def _tile(
         "reachability_index": share(reached),
         "reachability_index_unlimited": share(poses.solutions_unlimited > 0),
         "dexterous_fraction": share(reached & (poses.singular_value >= spec.dexterous)),
+        "colliding_fraction": share(~reached & (poses.colliding > 0)),
         "undecided_fraction": share(~poses.complete),
         "solutions_mean": share(poses.solutions),
         "solutions_mean_unlimited": share(poses.solutions_unlimited),

@@ -57,6 +57,9 @@ VARIABLES: dict[str, Variable] = {
     "reachability_index_unlimited": Variable(
         VOXELS, np.float32, "share of the orientations that are reached, limits ignored", "1"
     ),
+    "colliding_fraction": Variable(
+        VOXELS, np.float32, "share of the orientations that only postures that collide reach", "1"
+    ),
     "dexterous_fraction": Variable(
         VOXELS, np.float32, "share of the orientations that are reached clear of singularities", "1"
     ),
@@ -88,7 +91,13 @@ VARIABLES: dict[str, Variable] = {
 }
 """Every variable of a map by name; those over the poses are kept only where asked for."""
 
+_OF_COLLISIONS = frozenset({"colliding_fraction"})
 
-def variables(full: bool) -> dict[str, Variable]:
-    """The variables of a map, with or without those of each pose."""
-    return {name: one for name, one in VARIABLES.items() if full or one.dims != POSES}
+
+def variables(full: bool, collisions: bool) -> dict[str, Variable]:
+    """The variables of a map, with or without those of each pose, and those of collisions."""
+    return {
+        name: one
+        for name, one in VARIABLES.items()
+        if (full or one.dims != POSES) and (collisions or name not in _OF_COLLISIONS)
+    }

@@ -1,0 +1,144 @@
+"""Whether a plan stays clear of the arm itself and of what stands around it.
+
+Looked at along straight ways between joint vectors, which is how the robot moves, before anything
+is sent. What the gripper holds has no shape here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import jax
+import numpy as np
+from jax.typing import ArrayLike
+from numpy.typing import NDArray
+
+from niryo_jax.collision import CollisionCheck
+from niryo_jax.hardware.errors import NiryoError
+from niryo_jax.hardware.pick_and_place import Plan
+
+Vector = NDArray[np.float64]
+
+SPACING = 0.002
+"""Radians, summed over the joints, between two samples of a way: no point of a Niryo, which reaches
+0.6 m, moves by more than 1.2 mm from one to the next."""
+
+_SAME = 1e-9
+"""Metres by which rounding may set apart what is equally near."""
+
+
+class StepCollides(NiryoError):
+    """The way of a step collides, or comes nearer than the margin; nothing of it was sent.
+
+    Attributes:
+        step: its number, from 1; 1 too where the way there from where the arm stands collides.
+        pair: the names of the two that come nearest.
+        distance: metres between them; negative where they penetrate.
+    """
+
+    def __init__(self, message: str, step: int, pair: tuple[str, str], distance: float) -> None:
+        super().__init__(message)
+        self.step = step
+        self.pair = pair
+        self.distance = distance
+
+
+@dataclasses.dataclass(frozen=True)
+class PlanClearance:
+    """How clear the ways of a plan are.
+
+    Attributes:
+        clearance: (steps,) metres, the least along the way of each step to its end; of the first,
+            and of steps that are no moves, where the arm then stands.
+        pairs: what comes nearest on each of them; empty names where there is nothing to look at.
+        samples: how many joint vectors were looked at.
+    """
+
+    clearance: Vector
+    pairs: tuple[tuple[str, str], ...]
+    samples: int
+
+    @property
+    def tightest(self) -> int:
+        """The index of the step of least clearance, the first of them where several are."""
+        return int(np.argmax(self.clearance <= np.min(self.clearance) + _SAME))
+
+
+def check_plan(
+    plan: Plan, check: CollisionCheck, q_start: ArrayLike | None = None
+) -> PlanClearance:
+    """Look at all ways of a plan, and refuse one that collides.
+
+    Args:
+        plan: the steps, solved.
+        check: what the arm has to stay clear of.
+        q_start: (n,) joints from which the first step is taken, radians; where not given, the arm
+            is looked at where it stands after that step.
+
+    Returns:
+        The least clearance of each step.
+
+    Raises:
+        StepCollides: naming the first step that comes nearer than the margin, the two that do, and
+            by how much they penetrate.
+        ValueError: the model has links that the arm does not.
+    """
+    stops = [planned.joints for planned in plan.steps]
+    first = stops[0] if q_start is None else np.asarray(q_start, np.float64)
+    ways = [_way(*ends) for ends in itertools.pairwise([first, *stops])]
+    found = jax.device_get(check.distances(plan.robot, np.concatenate(ways)))
+    if not found.pairs:
+        nothing = np.full(len(ways), np.inf)
+        return PlanClearance(nothing, (("", ""),) * len(ways), sum(map(len, ways)))
+    least = np.min(found.distance, axis=-1)
+    clearance, pairs = np.empty(len(ways)), list[tuple[str, str]]()
+    for number, (start, end) in enumerate(itertools.pairwise(np.cumsum([0, *map(len, ways)]))):
+        at = int(start + np.argmin(least[start:end]))
+        clearance[number], pair = least[at], found.nearest_pair(at)
+        pairs.append(pair)
+        if not least[at] > check.margin:
+            share = (at - start) / max(end - start - 1, 1)
+            raise _refusal(plan, check, number, pair, float(least[at]), share)
+    return PlanClearance(clearance, tuple(pairs), len(least))
+
+
+def check_approach(plan: Plan, check: CollisionCheck, q: ArrayLike) -> None:
+    """Look at the way from where the arm stands to the first step of a plan.
+
+    Args:
+        plan, check: as for `check_plan`.
+        q: (n,) the joints where it stands, radians.
+
+    Raises:
+        StepCollides, ValueError: as `check_plan`.
+    """
+    check_plan(dataclasses.replace(plan, steps=plan.steps[:1]), check, q)
+
+
+def _way(start: Vector, end: Vector) -> Vector:
+    """(k, n) joint vectors along the straight way, both ends included."""
+    count = 1 + int(np.ceil(np.sum(np.abs(end - start)) / SPACING))
+    return start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
+
+
+def _refusal(
+    plan: Plan,
+    check: CollisionCheck,
+    number: int,
+    pair: tuple[str, str],
+    distance: float,
+    share: float,
+) -> StepCollides:
+    title = plan.steps[number].step.title
+    if distance < 0:
+        how = f"penetrate by {-1e3 * distance:.1f} mm"
+    else:
+        how = f"come as near as {1e3 * distance:.1f} mm (margin {1e3 * check.margin:.1f} mm)"
+    return StepCollides(
+        f"step {number + 1} ({title}) of {plan.robot.name}: {pair[0]} and {pair[1]} {how}, "
+        f"{100 * share:.0f} % of the way; nothing of it was sent",
+        number + 1,
+        pair,
+        distance,
+    )
