@@ -68,9 +68,10 @@ def test_formulas_are_drawn_or_refused(tmp_path: Path):
         render(tmp_path)
 
 
-def test_links_of_the_changelog_fit_the_site(tmp_path: Path):
+def test_links_of_the_repository_fit_the_site(tmp_path: Path):
     stage = importlib.import_module("docs.site.stage").stage
     stage(ROOT, tmp_path)
     assert "](architecture.md)" in (tmp_path / "contributing.md").read_text()
+    assert "](examples/22_hand_eye.md)" in (tmp_path / "research.md").read_text()
     assert (tmp_path / "theory" / "complete-ik.svg").exists()
     assert not list(tmp_path.rglob("*.py"))
