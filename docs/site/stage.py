@@ -16,7 +16,7 @@ _SCRIPT = re.compile(r"\]\(\.\./((?:\.\./)*)examples/(?:notebooks/)?(\w+)\.py\)"
 
 
 def stage(root: Path, pages: Path) -> None:
-    """Copy pages, pictures and styles; links of top-level pages, and to scripts, are made to fit."""
+    """Copy pages, pictures and styles; links from the top level and to scripts are made to fit."""
     docs = root / "docs"
     for source in sorted(docs.rglob("*")):
         if source.suffix in _KINDS:
