@@ -1,8 +1,8 @@
 """Build the site: pages, executed notebooks, reference, formulas; then look at every link.
 
-pip install -e ".[workspace,robot,urdf,mjcf]" --group docs
-python -m docs.site             # into build/site; fails at a warning, an error or a dead link
-python -m docs.site --quick     # without running the notebooks
+pip install -e ".[test]" --group docs
+python -m docs.site                  # into build/site; fails at a warning, an error or a dead link
+python -m docs.site --run notebooks  # not the examples, which the tests run; or --run none
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ SITE = ROOT / "build" / "site"
 def main() -> int:
     """Build; 1 where something is wrong, which is said on stderr."""
     parser = argparse.ArgumentParser(prog="python -m docs.site", description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="do not run the notebooks")
-    quick = parser.parse_args().quick
+    parser.add_argument("--run", choices=("all", "notebooks", "none"), default="all")
+    run = parser.parse_args().run
 
     for folder in (PAGES, SITE):
         shutil.rmtree(folder, ignore_errors=True)
     stage(ROOT, PAGES)
-    write_notebooks(ROOT / "examples", PAGES / "examples", execute=not quick)
+    write_notebooks(ROOT / "examples", PAGES / "examples", run)
     command = [sys.executable, "-m", "zensical", "build", "--clean", "--strict"]
     if subprocess.run(command, cwd=ROOT).returncode:
         return 1

@@ -13,13 +13,15 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import jupytext
 import nbformat
 from nbclient import NotebookClient
 
 from tests.quick_compiling import XLA_FLAGS
+
+Run = Literal["all", "notebooks", "none"]
 
 SMALLER = {
     "02_batch_inverse_kinematics": "200",
@@ -34,14 +36,17 @@ _BETWEEN = "%reset -f\n%matplotlib inline\n%config InlineBackend.figure_formats 
 _ANSI = re.compile(r"\x1b\[[0-9;]*m")
 
 
-def write_notebooks(examples: Path, pages: Path, *, execute: bool = True) -> None:
-    """Write a page, its figures and the notebook for each script; `execute` them first."""
+def write_notebooks(examples: Path, pages: Path, run: Run = "all") -> None:
+    """Write a page, its figures and the notebook for each script, after those of `run` are run."""
     pages.mkdir(parents=True, exist_ok=True)
-    notebooks = {path.stem: from_script(path) for path in sorted(examples.glob("[0-9]*.py"))}
-    for path in sorted((examples / "notebooks").glob("*.py")):
-        notebooks[path.stem] = jupytext.read(path, fmt="py:percent")
-    if execute:
-        _execute(notebooks, pages)
+    scripts = {path.stem: from_script(path) for path in sorted(examples.glob("[0-9]*.py"))}
+    percent = {
+        path.stem: jupytext.read(path, fmt="py:percent")
+        for path in sorted((examples / "notebooks").glob("*.py"))
+    }
+    notebooks = scripts | percent
+    if run != "none":
+        _execute(notebooks if run == "all" else percent, pages)
     for name, notebook in notebooks.items():
         nbformat.write(notebook, pages / f"{name}.ipynb")
         (pages / f"{name}.md").write_text("\n".join(_page(name, notebook, pages)))
