@@ -105,7 +105,7 @@ CHAINS = [
     _by_all("forward_kinematics"),
     _by_all("link_poses"),
     _by_all("space_jacobian"),
-    _by_all("body_jacobian"),
+    _by_all("body_jacobian", "slow"),
     _by_all("autodiff_space_jacobian", "slow"),
     Case(
         "tool_velocity",
@@ -113,7 +113,7 @@ CHAINS = [
         GEOMETRY | {"q": "free", "rates": "free"},
         {name: (*at, Q2) for name, at in SMOOTH.items()},
         shared=OF_SMALL,
-        tier="heavy",
+        tier="slow",
     ),
     Case(
         "joint_rates",

@@ -103,7 +103,7 @@ MOTION = [
         lambda poses: nj.motion.blend(poses, 0.05, 9),
         {"poses": "motion"},
         {"a corner": (np.stack([START, START @ motion(0.3, 0.1, 0, 0.2, 0, 0.1), END]),)},
-        tier="heavy",
+        tier="slow",
     ),
     Case(
         "motion.velocity_ik",
@@ -111,7 +111,7 @@ MOTION = [
         {"q": "free", "twist": "free"},
         {"a posture": (Q, np.arange(1.0, 7.0) / 20)},
         {"a straight wrist": NoDerivative((Q * [1, 1, 1, 1, 0, 1], np.ones(6)), "of damped rates")},
-        tier="heavy",
+        tier="slow",
     ),
 ]
 
@@ -322,7 +322,7 @@ UNCERTAINTY = [
         BY_SPREAD,
         POSTURE,
         {"no error": NO_ERROR},
-        tier="heavy",
+        tier="slow",
     ),
     Case(
         "uncertainty.Propagated.ellipsoid",
