@@ -14,7 +14,6 @@ from derivatives import Case, Kind, NoDerivative, motion
 import niryo_jax as nj
 from niryo_jax import collision as co
 
-
 START, END = motion(0.2, -0.3, 0.1, 0.3, 0.1, 0.2), motion(-0.4, 0.5, 0.9, 0.1, 0.3, 0.4)
 HALF = START @ motion(0, 0, np.pi, 0.1, 0.2, 0.3)
 BOTH: dict[str, Kind] = {"start": "motion", "end": "motion", "duration": "free"}
