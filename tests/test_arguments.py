@@ -58,11 +58,14 @@ SHAPED: dict[str, Any] = {
     "upper": None,
     "covariance": np.eye(6),
     "mean": np.zeros(6),
+    "via": np.array([0.1, 0.2, 0.0]),
+    **dict.fromkeys(("weights", "rate_limits", "acceleration_limits"), np.ones(6)),
+    **dict.fromkeys(("null_motion", "previous_rate"), np.zeros(6)),
 }
 """Arrays whose last axes have a shape, by the names of arguments."""
 
 BROADCAST: dict[str, Any] = {
-    **dict.fromkeys(("duration", "distance"), 1.0),
+    **dict.fromkeys(("duration", "distance", "dt", "threshold"), 1.0),
     **dict.fromkeys(("t", "damping", "pitch", "arm_angle"), 0.0),
     "sigma": 0.1,
     "key": jax.random.key(0),
@@ -72,6 +75,8 @@ BROADCAST: dict[str, Any] = {
 OTHERS: dict[str, Any] = {
     "robot": NIRYO,
     "samples": 5,
+    "radius": 0.1,
+    "limits": nj.motion.niryo_limits(),
     "voxel": 0.1,
     "map": None,
     "model": nj.collision.niryo_one(),
@@ -83,6 +88,8 @@ OTHERS: dict[str, Any] = {
 
 OF_FUNCTION: dict[str, dict[str, Any]] = {
     "motion.best_path": {"poses": np.stack([POSE, POSE])},
+    "motion.blend": {"poses": np.stack([POSE, np.eye(4) + 0.1 * np.eye(4, k=3)])},
+    "motion.retime": {"path": np.zeros((3, 6))},
     "uncertainty.position_ellipsoid": {"covariance": np.eye(3)},
     "collision.segment_distance": {"start": POINT, "end": POINT},
     "collision.box_distance": {"start": POINT, "end": POINT},
@@ -142,7 +149,8 @@ def test_an_array_that_is_none_is_named(name, function, given, parameter):
         bad += [np.asarray(sample, dtype), jnp.asarray(sample, dtype)]
     if shaped:
         bad += [np.zeros((5, 11)), jnp.zeros((5, 11)), np.float64(1.0)]
-    if (name, parameter.name) == ("motion.joint_trajectory", "q_start"):
+    between = "motion.joint_trajectory", "motion.point_to_point"
+    if name in between and parameter.name == "q_start":
         bad = [value for value in bad if getattr(value, "size", 0) != 55]  # any number of joints
     for value in bad:
         with pytest.raises((TypeError, ValueError)) as error:

@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import html
 import re
+import shutil
 from pathlib import Path
 
+import ziamath
 from latex2mathml.converter import convert
+
+FONT = Path(ziamath.__file__).parent / "fonts" / "STIXTwoMath-Regular.ttf"
+"""A font with the measures that formulas need (SIL Open Font License): many machines have none."""
 
 _FORMULA = re.compile(
     r'<(?P<tag>span|div) class="arithmatex">\s*\\[(\[](?P<tex>.*?)\\[)\]]\s*</(?P=tag)>', re.DOTALL
+)
+_FUNCTION = re.compile(
+    r"(<mi>(?:sin|cos|tan|arg|atan2|det|log)</mi>"
+    r"|<msup><mi>(?:sin|cos)</mi><mn>2</mn></msup>)(?=<m(?:i|n|frac|sub|sup|style)\b)"
 )
 _TAG = re.compile(r"\\tag\{(.+?)\}")
 
@@ -20,6 +29,7 @@ def render_formulas(site: Path) -> int:
     Raises:
         ValueError: a formula that cannot be read, or with a command that is not known.
     """
+    shutil.copyfile(FONT, site / "site" / "math.ttf")
     count = 0
     for page in sorted(site.rglob("*.html")):
         text, found = _FORMULA.subn(_mathml, page.read_text())
@@ -41,6 +51,7 @@ def _mathml(match: re.Match[str]) -> str:
         raise ValueError(f"no formula that latex2mathml can read: {tex}") from error
     if "\\" in drawn:
         raise ValueError(f"a formula has a command that latex2mathml does not know: {tex}")
+    drawn = _FUNCTION.sub(r'\1<mspace width="0.17em"/>', drawn)
     if display == "inline":
         return drawn
     number = f'<span class="number">({numbers[0]})</span>' if numbers else ""

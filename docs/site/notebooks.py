@@ -17,7 +17,6 @@ from typing import Any
 
 import jupytext
 import nbformat
-from jupyter_client.manager import KernelManager
 from nbclient import NotebookClient
 
 from tests.quick_compiling import XLA_FLAGS
@@ -77,12 +76,15 @@ def _execute(notebooks: dict[str, nbformat.NotebookNode], folder: Path) -> None:
     place = {"metadata": {"path": str(folder)}}
     NotebookClient(
         whole,
-        timeout=300,
-        km=KernelManager(kernel_name="python3", transport="ipc"),
+        timeout=600,
+        kernel_name="python3",
+        startup_timeout=300,
+        # For minutes on one machine it needs no encryption, and no warning that it has none.
+        extra_arguments=["--IPKernelApp.log_level=ERROR"],
         resources=place,
         record_timing=False,
         on_cell_start=_say,
-    ).execute(env=environment, cleanup_kc=True)
+    ).execute(env=environment)
     done = iter(whole.cells)
     for notebook in notebooks.values():
         next(done)

@@ -19,7 +19,6 @@ from niryo_jax.ik import BranchStatus, seeded_branches
 
 jax.config.update("jax_enable_x64", True)
 robot = nj.robots.niryo_one()
-moves = [step for step in TABLE_2_1 if step.pose is not None]
 names = ["start", "above the object", "at the object", "above the place", "at the place"]
 poses = np.stack([TABLE_2_1[i].pose for i in (0, 1, 2, 5, 6)])
 print(robot.describe())
@@ -67,15 +66,16 @@ assert counts.tolist() == [10, 8, 8, 8, 8]
 assert solutions.complete.all()
 assert np.all(published.count <= counts)
 
-figure, axes = plt.subplots(figsize=(7, 2.6))
+figure, axes = plt.subplots(figsize=(7.5, 3))
 place = np.arange(5)
 axes.bar(place - 0.25, counts, 0.25, label="all", color="#2166ac")
 axes.bar(place, np.asarray(published.count), 0.25, label="published method", color="#9aa0a6")
 inside = np.asarray(solutions.within_limits.sum(axis=-1))
 axes.bar(place + 0.25, inside, 0.25, label="within the limits", color="#b2182b")
-axes.set_xticks(place, names)
+axes.set_xticks(place, [name.replace(" the", "\nthe") for name in names])
+axes.set_ylim(0, 14)
 axes.set_ylabel("solutions")
-axes.legend(frameon=False)
+axes.legend(frameon=False, ncols=3, loc="upper center")
 plt.show()
 
 # %% [markdown]

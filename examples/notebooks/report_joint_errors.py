@@ -73,7 +73,8 @@ assert np.all(un.compare(one, tried).agrees())
 
 # %%
 un.figures.error_figure(robot, q[1], noise, key)
-plt.show()
+
+# %%
 alone = un.sensitivity(robot, q, 0.01)
 print(np.round(alone.millimetres, 2))
 assert np.all(alone.ranking[:, 0] == 2)
