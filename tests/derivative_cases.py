@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from derivative_cases_arms import CHAINS, SOLVERS
+from derivative_cases_arms import CHAINS
+from derivative_cases_ik import SOLVERS
 from derivative_cases_lie import GROUPS, SUBPROBLEMS
-from derivative_cases_uses import COLLISION, MOTION, UNCERTAINTY
+from derivative_cases_uncertainty import UNCERTAINTY
+from derivative_cases_uses import COLLISION, MOTION
 
 CASES = [*GROUPS, *SUBPROBLEMS, *CHAINS, *SOLVERS, *MOTION, *COLLISION, *UNCERTAINTY]
 
