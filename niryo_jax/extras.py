@@ -1,4 +1,4 @@
-"""The packages of the extra `workspace`, which draw and store, imported where they are needed."""
+"""Packages of the extras, imported where they are needed."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import importlib
 from typing import Any
 
 
-def need(module: str) -> Any:
-    """A module of the extra `workspace`.
+def need(module: str, extra: str = "workspace") -> Any:
+    """A module of an extra.
 
     Raises:
         ImportError: it is not installed; the message names the extra.
@@ -19,5 +19,5 @@ def need(module: str) -> Any:
         if error.name is None or error.name.split(".")[0] != package:
             raise
         raise ImportError(
-            f'this needs {package}; install it with: pip install "niryo_jax[workspace]"'
+            f'this needs {package}; install it with: pip install "niryo_jax[{extra}]"'
         ) from error
