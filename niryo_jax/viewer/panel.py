@@ -1,0 +1,134 @@
+"""The panel beside the scene: sliders, what is said of the solutions, and what is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from niryo_jax.viewer import words
+from niryo_jax.viewer.scene import PROBABILITY
+from niryo_jax.viewer.session import Session, Vector, View
+
+if TYPE_CHECKING:
+    import viser
+
+_GROUP = 8
+"""Buttons in a row."""
+
+
+class Actions(Protocol):
+    """What the panel asks for; each returns at once."""
+
+    def joints(self, q: Vector) -> None:
+        """Show the arm at joints (n,)."""
+        ...
+
+    def choose(self, slot: int) -> None:
+        """Show the arm in a solution."""
+        ...
+
+    def follow_tool(self) -> None:
+        """Bring the gizmo back to the tool."""
+        ...
+
+    def redraw(self) -> None:
+        """Draw again what is shown."""
+        ...
+
+    def drawn(self, part: str, visible: bool) -> None:
+        """Whether a part of the scene is drawn."""
+        ...
+
+    def magnify(self, times: float) -> None:
+        """How much larger than it is the position error is drawn."""
+        ...
+
+
+class Panel:
+    """Sliders, words and toggles.
+
+    Args:
+        gui: that it is part of.
+        session: of the arm.
+        actions: what is asked for.
+
+    Attributes:
+        tabs: in which others put what they have to show.
+    """
+
+    def __init__(self, gui: viser.GuiApi, session: Session, actions: Actions) -> None:
+        self._session, self._actions = session, actions
+        self._units = np.where(session.slides, 1e-3, np.deg2rad(1.0))
+        self._status = gui.add_html("")
+        self._solutions = gui.add_html("")
+        for first in range(0, session.slots, _GROUP):
+            numbers = range(first + 1, min(first + _GROUP, session.slots) + 1)
+            group = gui.add_button_group("take" if first == 0 else "", [str(x) for x in numbers])
+            group.on_click(lambda event: actions.choose(int(event.target.value) - 1))
+        self.tabs = gui.add_tab_group()
+        with self.tabs.add_tab("Joints"):
+            self._sliders = [self._slider(gui, joint) for joint in range(session.robot.joints)]
+            back = gui.add_button("Gizmo back to the tool")
+            back.on_click(lambda _: actions.follow_tool())
+            start = gui.add_button("Arm back to the start")
+            start.on_click(lambda _: actions.joints(session.start()))
+        with self.tabs.add_tab("Show"):
+            self._toggles(gui, session)
+
+    def _slider(self, gui: viser.GuiApi, joint: int) -> viser.GuiSliderHandle[float]:
+        session, unit = self._session, self._units[joint]
+        least, most = (float(limit[joint] / unit) for limit in (session.lower, session.upper))
+        slider = gui.add_slider(
+            f"{session.robot.joint_names[joint]} ({'mm' if session.slides[joint] else '°'})",
+            min=least,
+            max=most,
+            step=0.01,
+            initial_value=float(np.clip(session.view.q[joint] / unit, least, most)),
+        )
+
+        @slider.on_update
+        def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
+            if event.client is not None:  # Not where the program has moved it.
+                self._actions.joints(self._joints())
+
+        return slider
+
+    def _joints(self) -> Vector:
+        return np.array([slider.value for slider in self._sliders]) * self._units
+
+    def _toggles(self, gui: viser.GuiApi, session: Session) -> None:
+        self._toggle(gui, "Solutions as ghosts", "ghosts", True)
+        self._toggle(gui, "Ellipsoid of manipulability", "motion", False)
+        self._toggle(gui, f"Position error, {PROBABILITY:.0%}", "error", False)
+        times = gui.add_slider("Error drawn larger", min=1, max=200, step=1, initial_value=20)
+        times.on_update(lambda event: self._actions.magnify(float(event.target.value)))
+        if session.shape.model is not None:
+            self._toggle(gui, "Collision capsules", "capsules", False)
+
+    def _toggle(self, gui: viser.GuiApi, label: str, part: str, initial: bool) -> None:
+        box = gui.add_checkbox(label, initial_value=initial)
+        box.on_update(lambda event: self._actions.drawn(part, event.target.value))
+
+    def show(self, view: View, *, move_sliders: bool) -> None:
+        """Say what there is to say of a view.
+
+        Args:
+            view: what is shown.
+            move_sliders: whether the sliders go to its joints; not while they are dragged.
+        """
+        self._status.content = words.status(view)
+        self._solutions.content = words.solutions(view)
+        if move_sliders:
+            for slider, angle in zip(self._sliders, view.q / self._units):
+                slider.value = float(np.clip(angle, slider.min, slider.max))
+
+
+def say(handle: viser.GuiHtmlHandle) -> Callable[[str], None]:
+    """What writes a line of plain text into a place of the panel."""
+
+    def write(text: str) -> None:
+        handle.content = words.panel(words.line(text))
+
+    return write
