@@ -94,7 +94,7 @@ class Viewer:
         self._post("joints", lambda: self.session.set_joints(q), gizmo=True, sliders=False)
 
     def show_joints(self, q: ArrayLike) -> None:
-        """As `joints`; the sliders follow."""
+        """The same, with the sliders."""
         given = np.array(q, np.float64)
         self._post("joints", lambda: self.session.set_joints(given), gizmo=True, sliders=True)
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from niryo_jax.viewer.colours import Colour
-from niryo_jax.viewer.geometry import Mesh, places
+from niryo_jax.viewer.geometry import Mesh, places, shrunk
 
 if TYPE_CHECKING:
     import viser
@@ -79,6 +79,8 @@ class Ghosts:
         scene: that they are part of.
         name: of their node.
         meshes: as of a `SolidArm`.
+        inset: metres by which they are thinner, so that they do not shine through where they
+            coincide with an arm.
         count: how many arms there are at most.
         on_click: called with the number of an arm that was clicked.
     """
@@ -90,6 +92,7 @@ class Ghosts:
         scene: viser.SceneApi,
         name: str,
         meshes: Mapping[int, Mesh],
+        inset: float,
         count: int,
         on_click: Callable[[int], None],
     ) -> None:
@@ -98,6 +101,7 @@ class Ghosts:
         for link, mesh in meshes.items():
             if link == 0:  # The base is that of the arm itself, which stands there.
                 continue
+            mesh = shrunk(mesh, inset)
             node = scene.add_batched_meshes_simple(
                 f"{name}/link_{link}",
                 mesh.vertices,
@@ -123,9 +127,7 @@ class Ghosts:
     def visible(self, visible: bool) -> None:
         self._node.visible = visible
 
-    def move(
-        self, links: np.ndarray, shown: NDArray[np.bool_], colours: NDArray[np.uint8]
-    ) -> None:
+    def move(self, links: np.ndarray, shown: NDArray[np.bool_], colours: NDArray[np.uint8]) -> None:
         """Put the arms somewhere.
 
         Args:

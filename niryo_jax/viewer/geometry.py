@@ -101,6 +101,18 @@ def merged(meshes: Sequence[Mesh]) -> Mesh:
     )
 
 
+def shrunk(mesh: Mesh, by: float) -> Mesh:
+    """A mesh whose vertices lie deeper by so many metres."""
+    corners = mesh.vertices[mesh.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    outward = np.zeros_like(mesh.vertices)
+    for corner in mesh.faces.T:
+        np.add.at(outward, corner, normal)
+    length = np.linalg.norm(outward, axis=1, keepdims=True)
+    unit = outward / np.where(length > 0, length, 1.0)
+    return mesh._replace(vertices=(mesh.vertices - by * unit).astype(np.float32))
+
+
 def ellipsoid(matrix: np.ndarray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """What makes of the unit sphere the ellipsoid x^T matrix^-1 x <= 1.
 

@@ -57,7 +57,7 @@ def measures_of(
     check_covariance("covariance", covariance, robot.joints)
 
     @jax.jit
-    def measured(q: jax.Array) -> Measures:
+    def measured(q: jax.Array) -> tuple[jax.Array, ...]:
         moved = link_poses(robot, q)
         base = jnp.broadcast_to(jnp.eye(4, dtype=q.dtype), (len(q), 1, 4, 4))
         apart = jnp.zeros((len(q), 0), q.dtype)
@@ -65,7 +65,7 @@ def measures_of(
             apart = distances(robot, model, q, world).distance
         spread = (np.eye(robot.joints), covariance)
         motion, error = (propagate(robot, q[0], c).position_covariance for c in spread)
-        return Measures(
+        return (
             jnp.concatenate([base, moved], axis=1),
             forward_kinematics(robot, q),
             apart,
@@ -78,4 +78,4 @@ def measures_of(
     if model is not None:
         shaped = functools.partial(distances, robot, model, world=world)
         pairs = jax.eval_shape(shaped, jax.ShapeDtypeStruct((robot.joints,), float)).pairs
-    return lambda q: jax.device_get(measured(q)), pairs
+    return lambda q: Measures(*jax.device_get(measured(q))), pairs

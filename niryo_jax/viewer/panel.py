@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
@@ -17,12 +18,19 @@ if TYPE_CHECKING:
 _GROUP = 8
 """Buttons in a row."""
 
+_STEP, _ROUNDING = 0.1, 1e-6
+"""Of sliders, in degrees or millimetres, and a share of it that is none."""
+
 
 class Actions(Protocol):
     """What the panel asks for; each returns at once."""
 
     def joints(self, q: Vector) -> None:
         """Show the arm at joints (n,)."""
+        ...
+
+    def show_joints(self, q: Vector) -> None:
+        """The same, with the sliders."""
         ...
 
     def choose(self, slot: int) -> None:
@@ -60,32 +68,40 @@ class Panel:
 
     def __init__(self, gui: viser.GuiApi, session: Session, actions: Actions) -> None:
         self._session, self._actions = session, actions
+        self._written = np.full(session.robot.joints, np.nan)
         self._units = np.where(session.slides, 1e-3, np.deg2rad(1.0))
         self._status = gui.add_html("")
         self._solutions = gui.add_html("")
-        for first in range(0, session.slots, _GROUP):
-            numbers = range(first + 1, min(first + _GROUP, session.slots) + 1)
-            group = gui.add_button_group("take" if first == 0 else "", [str(x) for x in numbers])
-            group.on_click(lambda event: actions.choose(int(event.target.value) - 1))
+        self._take = [self._buttons(gui, first) for first in range(0, session.slots, _GROUP)]
         self.tabs = gui.add_tab_group()
         with self.tabs.add_tab("Joints"):
             self._sliders = [self._slider(gui, joint) for joint in range(session.robot.joints)]
             back = gui.add_button("Gizmo back to the tool")
             back.on_click(lambda _: actions.follow_tool())
             start = gui.add_button("Arm back to the start")
-            start.on_click(lambda _: actions.joints(session.start()))
+            start.on_click(lambda _: actions.show_joints(session.start))
         with self.tabs.add_tab("Show"):
             self._toggles(gui, session)
 
+    def _buttons(self, gui: viser.GuiApi, first: int) -> viser.GuiButtonGroupHandle:
+        last = min(first + _GROUP, self._session.slots)
+        group = gui.add_button_group(
+            "Take" if first == 0 else "or", [str(slot + 1) for slot in range(first, last)]
+        )
+        group.on_click(lambda event: self._actions.choose(int(event.target.value) - 1))
+        return group
+
     def _slider(self, gui: viser.GuiApi, joint: int) -> viser.GuiSliderHandle[float]:
         session, unit = self._session, self._units[joint]
-        least, most = (float(limit[joint] / unit) for limit in (session.lower, session.upper))
+        # Inward to what a slider shows, so that its ends are within the limits.
+        least = math.ceil(session.lower[joint] / unit / _STEP - _ROUNDING) * _STEP
+        most = math.floor(session.upper[joint] / unit / _STEP + _ROUNDING) * _STEP
         slider = gui.add_slider(
             f"{session.robot.joint_names[joint]} ({'mm' if session.slides[joint] else '°'})",
-            min=least,
-            max=most,
-            step=0.01,
-            initial_value=float(np.clip(session.view.q[joint] / unit, least, most)),
+            min=round(least, 1),
+            max=round(max(least, most), 1),
+            step=_STEP,
+            initial_value=round(least, 1),
         )
 
         @slider.on_update
@@ -96,7 +112,9 @@ class Panel:
         return slider
 
     def _joints(self) -> Vector:
-        return np.array([slider.value for slider in self._sliders]) * self._units
+        """Those that are shown, but of sliders that were moved what they say now."""
+        said = np.array([slider.value for slider in self._sliders])
+        return np.where(said == self._written, self._session.view.q, said * self._units)
 
     def _toggles(self, gui: viser.GuiApi, session: Session) -> None:
         self._toggle(gui, "Solutions as ghosts", "ghosts", True)
@@ -120,9 +138,15 @@ class Panel:
         """
         self._status.content = words.status(view)
         self._solutions.content = words.solutions(view)
+        for first, group in zip(range(0, self._session.slots, _GROUP), self._take):
+            count = min(int(np.sum(view.found)) - first, _GROUP)
+            group.visible = count > 0
+            if count > 0:
+                group.options = tuple(str(first + slot + 1) for slot in range(count))
         if move_sliders:
-            for slider, angle in zip(self._sliders, view.q / self._units):
-                slider.value = float(np.clip(angle, slider.min, slider.max))
+            for joint, slider in enumerate(self._sliders):
+                angle = float(np.clip(view.q[joint] / self._units[joint], slider.min, slider.max))
+                self._written[joint] = slider.value = round(angle, 1)
 
 
 def say(handle: viser.GuiHtmlHandle) -> Callable[[str], None]:

@@ -24,6 +24,9 @@ PROBABILITY = 0.95
 _NEAR = 0.01
 """Metres of clearance below which capsules are painted as a warning."""
 
+_INSET = 0.003
+"""How much thinner ghosts are than the arm, as a share of the reach."""
+
 _MOTION_SIZE = 0.35
 """The largest half axis of the ellipsoid of manipulability, as a share of the reach, for a tool
 that moves by the reach where the joint rates have length 1."""
@@ -53,7 +56,7 @@ class Scene:
         scene = server.scene
         _furnish(server, reach)
         self.arm = SolidArm(scene, "/arm", shape.meshes, colours.LINKS)
-        self.ghosts = Ghosts(scene, "/solutions", shape.meshes, slots, on_choose)
+        self.ghosts = Ghosts(scene, "/solutions", shape.meshes, _INSET * reach, slots, on_choose)
         self.live = SolidArm(scene, "/live", shape.meshes, (colours.LIVE,), 0.6, visible=False)
         self.capsules = SolidArm(
             scene, "/capsules", shape.capsules(), (colours.FREE,), 0.35, visible=False
@@ -141,23 +144,24 @@ def _furnish(server: viser.ViserServer, reach: float) -> None:
     """The table, the base frame, the light, and where the camera stands at first."""
     scene = server.scene
     scene.configure_default_lights(enabled=True, cast_shadow=True)
-    cell = 10.0 ** np.floor(np.log10(reach)) / 2
+    cell = float(10.0 ** np.floor(np.log10(reach)))
     scene.add_grid(
         "/table",
-        width=40 * cell,
-        height=40 * cell,
+        infinite_grid=True,
         cell_size=cell,
-        section_size=2 * cell,
-        cell_color=(226, 229, 233),
-        section_color=(200, 205, 211),
-        plane_color=(250, 250, 251),
-        plane_opacity=0.6,
-        fade_distance=12 * reach,
-        shadow_opacity=0.12,
+        section_size=5 * cell,
+        cell_color=(228, 231, 235),
+        section_color=(206, 211, 217),
+        fade_distance=9 * reach,
+        fade_strength=1.5,
+        fade_from="origin",
+        shadow_opacity=0.15,
     )
     scene.add_frame(
         "/base", axes_length=0.25 * reach, axes_radius=0.004 * reach, origin_radius=0.008 * reach
     )
     camera = server.initial_camera
-    camera.position = (1.7 * reach, -1.7 * reach, 1.2 * reach)
-    camera.look_at = (0.15 * reach, 0.0, 0.4 * reach)
+    camera.fov = 0.7
+    camera.position = (2.6 * reach, -2.2 * reach, 1.8 * reach)
+    # The panel covers the right of the picture.
+    camera.look_at = (0.3 * reach, 0.35 * reach, 0.45 * reach)

@@ -24,6 +24,10 @@ _SAME = 1e-4
 _REACHED = 1e-5
 """Metres, and entries of a rotation, by which the tool may miss a target that it is at."""
 
+_TRIED, _HIGH = 48, 0.25
+"""Joint vectors that are looked at for the first one shown, and how high the tool is there, as a
+share of the reach."""
+
 _SIGMA = 1e-3
 """Standard deviation of each joint's error where none is given, radians (metres)."""
 
@@ -102,6 +106,7 @@ class Session:
         lower, upper: (n,) the joint limits; half a turn each way, or the arm's reach, where there
             is none.
         slides: (n,) which joints are prismatic.
+        start: (n,) the joints at which the arm is first shown.
         slots: how many solutions there can be.
         view: what was last shown.
 
@@ -125,15 +130,24 @@ class Session:
         spread = np.asarray(as_data("covariance", covariance))
         self._measure, self._pairs = measures_of(robot, self.shape, spread)
         self._size = 0
-        self.view = self.set_joints(self.start())
+        self.start = self._start()
+        self.view = self.set_joints(self.start)
         self.slots = len(self.view.found)
 
-    def start(self) -> Vector:
-        """(n,) joints at which the arm is first shown: off the singular poses that it has at 0."""
-        middle = np.clip(np.zeros(self.robot.joints), self.lower, self.upper)
-        return middle + 0.15 * np.where(
-            self.upper - middle > middle - self.lower, self.upper - middle, self.lower - middle
-        )
+    def _start(self) -> Vector:
+        """(n,) joints of which there is much to see: of a few, those of a pose above the table that
+        has the most solutions within the limits; of these the most manipulable."""
+        rng, best = np.random.default_rng(0), (-1, 0.0)
+        chosen = np.clip(np.zeros(self.robot.joints), self.lower, self.upper)
+        for share in rng.uniform(0.2, 0.8, (_TRIED, self.robot.joints)):
+            q = self.lower + share * (self.upper - self.lower)
+            one = self._of(q[None])
+            high = one.tool[0, 2, 3] > _HIGH * self.shape.reach
+            count = int(np.sum(self._solve(np.asarray(one.tool[0], np.float64)).within_limits))
+            merit = count, float(one.manipulability[0])
+            if high and np.all(one.distances[0] > 0) and merit > best:
+                best, chosen = merit, q
+        return chosen
 
     def set_joints(self, q: ArrayLike) -> View:
         """The arm at joint angles, and all solutions of the pose that it has there.

@@ -68,8 +68,8 @@ def shape_of(
         meshes = _of_capsules(model)
         # The sphere that stands for the base ends where it stands on the table.
         meshes[0].vertices[:, 2] = np.maximum(meshes[0].vertices[:, 2], 0.0)
-        # Nor does the shoulder ever come nearer to the table than it is.
-        return _shape(meshes, model, World.table(ignored=(0, 1)))
+        # The shoulder stays where it is, and the upper arm comes no nearer than its two ends.
+        return _shape(meshes, model, World.table(ignored=(0, 1, 2)))
     if urdf is not None and (meshes := _of_urdf(urdf, base, tip)):
         return _shape(meshes)
     home = np.asarray(robot.home)[:3, 3]
@@ -120,9 +120,7 @@ def _of_urdf(
             return None
 
 
-def _visuals(
-    path: str | os.PathLike[str], base: str | None, tip: str | None
-) -> dict[int, Mesh]:
+def _visuals(path: str | os.PathLike[str], base: str | None, tip: str | None) -> dict[int, Mesh]:
     yourdfpy = need("yourdfpy", "urdf")
     model: Any = yourdfpy.URDF.load(os.fspath(path), load_collision_meshes=False)
     chain = description.chain(model.robot, base, tip)
