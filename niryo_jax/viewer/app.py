@@ -15,14 +15,18 @@ from numpy.typing import ArrayLike
 from niryo_jax.arguments import check_count, check_text
 from niryo_jax.extras import need
 from niryo_jax.robot import Robot
+from niryo_jax.viewer.map_tab import MapTab
 from niryo_jax.viewer.panel import Panel
+from niryo_jax.viewer.robot_tab import RobotTab
+from niryo_jax.viewer.route_tab import RouteTab
 from niryo_jax.viewer.scene import Scene
 from niryo_jax.viewer.session import Session, Vector, View
-from niryo_jax.viewer.shape import Shape
+from niryo_jax.viewer.shape import Shape, is_niryo
 from niryo_jax.viewer.worker import Worker
 
 if TYPE_CHECKING:
     import viser
+    import xarray as xr
 
 PORT = 8080
 """Of the page, where none is given."""
@@ -41,6 +45,8 @@ class Viewer:
         shape: what it looks like; `shape_of(robot)` where not given.
         covariance: (n, n) of the errors of its joints, rad^2 (m^2 for prismatic joints); 1 mrad
             (1 mm) each where not given.
+        map: a capability map, of `workspace.open_map`, to be drawn as well.
+        host: of a robot whose joints are read and shown; nothing is ever sent to it but questions.
         address: to listen on; other machines reach 127.0.0.1 through a forwarded port alone.
         port: to listen on; 0 chooses a free one.
 
@@ -60,6 +66,8 @@ class Viewer:
         *,
         shape: Shape | None = None,
         covariance: ArrayLike | None = None,
+        map: xr.Dataset | None = None,
+        host: str | None = None,
         address: str = "127.0.0.1",
         port: int = PORT,
     ) -> None:
@@ -71,12 +79,26 @@ class Viewer:
         self._address = address
         self._worker = Worker(self.report)
         self._parts = contextlib.ExitStack()
-        self._configure(robot.name)
-        self.scene = Scene(
-            self.server, self.session.shape, self.session.slots, self._dragged, self.choose
-        )
-        self.panel = Panel(self.server.gui, self.session, self)
-        self._draw(self.session.view, gizmo=True, sliders=True)
+        try:
+            self._furnish(map, host)
+        except BaseException:
+            self.close()
+            raise
+
+    def _furnish(self, map: xr.Dataset | None, host: str | None) -> None:
+        server, session = self.server, self.session
+        self._configure(session.robot.name)
+        self.scene = Scene(server, session.shape, session.slots, self._dragged, self.choose)
+        self.panel = Panel(server.gui, session, self)
+        tabs = self.panel.tabs
+        self.route = RouteTab(server, tabs, session, self.show_joints, self.report)
+        self._parts.callback(self.route.close)
+        if host is not None or is_niryo(session.robot):
+            self.robot = RobotTab(server, tabs, session, self, host, self.report)
+            self._parts.callback(self.robot.close)
+        if map is not None:
+            MapTab(server, tabs, map, self._worker.post)
+        self._draw(session.view, gizmo=True, sliders=True)
 
     @property
     def url(self) -> str:
@@ -102,6 +124,11 @@ class Viewer:
         """Show the solutions of a pose (4, 4); the gizmo goes there, and the arm if it can."""
         given = np.array(pose, np.float64)
         self._post("target", lambda: self.session.set_target(given), gizmo=True, sliders=True)
+
+    def show_live(self, q: ArrayLike | None) -> None:
+        """Show the arm of a robot at joints (n,) beside the arm; none where there is nothing."""
+        given = None if q is None else np.array(q, np.float64)
+        self._worker.post("live", lambda: self._draw_live(given))
 
     def choose(self, slot: int) -> None:
         """Show the arm in a solution."""
@@ -161,6 +188,11 @@ class Viewer:
     def _draw(self, view: View, *, gizmo: bool, sliders: bool) -> None:
         self.panel.show(view, move_sliders=sliders)
         self.scene.show(view, move_gizmo=gizmo)
+
+    def _draw_live(self, q: Vector | None) -> None:
+        if q is not None:
+            self.scene.live.move(self.session.joints_of(q).links[0])
+        self.scene.live.visible = q is not None
 
     def _configure(self, name: str) -> None:
         gui = self.server.gui
