@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
@@ -70,6 +69,7 @@ class Panel:
         self._session, self._actions = session, actions
         self._written = np.full(session.robot.joints, np.nan)
         self._units = np.where(session.slides, 1e-3, np.deg2rad(1.0))
+        self._ends = ends_of(session.lower, session.upper, self._units)
         self._status = gui.add_html("")
         self._solutions = gui.add_html("")
         self._take = [self._buttons(gui, first) for first in range(0, session.slots, _GROUP)]
@@ -92,16 +92,14 @@ class Panel:
         return group
 
     def _slider(self, gui: viser.GuiApi, joint: int) -> viser.GuiSliderHandle[float]:
-        session, unit = self._session, self._units[joint]
-        # Inward to what a slider shows, so that its ends are within the limits.
-        least = math.ceil(session.lower[joint] / unit / _STEP - _ROUNDING) * _STEP
-        most = math.floor(session.upper[joint] / unit / _STEP + _ROUNDING) * _STEP
+        session = self._session
+        least, most = (float(end[joint]) for end in self._ends)
         slider = gui.add_slider(
             f"{session.robot.joint_names[joint]} ({'mm' if session.slides[joint] else '°'})",
-            min=round(least, 1),
-            max=round(max(least, most), 1),
+            min=least,
+            max=most,
             step=_STEP,
-            initial_value=round(least, 1),
+            initial_value=least,
         )
 
         @slider.on_update
@@ -147,6 +145,13 @@ class Panel:
             for joint, slider in enumerate(self._sliders):
                 angle = float(np.clip(view.q[joint] / self._units[joint], slider.min, slider.max))
                 self._written[joint] = slider.value = round(angle, 1)
+
+
+def ends_of(lower: Vector, upper: Vector, units: Vector) -> tuple[Vector, Vector]:
+    """(n,) the ends of sliders in so many units: the limits, drawn in to what a slider shows."""
+    least = np.round(np.ceil(lower / units / _STEP - _ROUNDING) * _STEP, 1)
+    most = np.round(np.floor(upper / units / _STEP + _ROUNDING) * _STEP, 1)
+    return least, np.maximum(least, most)
 
 
 def say(handle: viser.GuiHtmlHandle) -> Callable[[str], None]:
