@@ -68,6 +68,9 @@ class RobotTab:
         show: what shows joints.
         host: of a robot to read; none where not given.
         on_error: called with what goes wrong.
+
+    Attributes:
+        thing: what the simulated robot picks, as it is drawn.
     """
 
     def __init__(
@@ -82,7 +85,7 @@ class RobotTab:
         self._session, self._show, self._host = session, show, host
         self._playing, self._reading = Task(on_error), Task(on_error)
         gui = server.gui
-        self._thing = server.scene.add_box(
+        self.thing = server.scene.add_box(
             "/thing", color=THING, dimensions=(_CUBE, _CUBE, _CUBE), visible=False
         )
         self._follow: viser.GuiInputHandle[bool] | None = None
@@ -91,7 +94,7 @@ class RobotTab:
                 self._step = say(gui.add_html(""))
                 play = gui.add_button("Play the pick-and-place (simulated)")
                 stop = gui.add_button("Stop", color="gray")
-                self._speed = gui.add_slider(
+                self._faster = gui.add_slider(
                     "Faster by", min=0.5, max=10.0, step=0.5, initial_value=1.0
                 )
                 play.on_click(lambda _: self.play())
@@ -103,10 +106,19 @@ class RobotTab:
         if host is not None:
             self._reading.start(lambda stop: self._read(host, stop))
 
+    @property
+    def speed(self) -> float:
+        """How many times faster than the robot the simulated one moves."""
+        return float(self._faster.value)
+
+    @speed.setter
+    def speed(self, times: float) -> None:
+        self._faster.value = times
+
     def play(self) -> None:
         """Let a simulated robot carry out the pick-and-place from its first step."""
         model = MODELS[self._session.robot.name]
-        speed = float(self._speed.value)
+        speed = self.speed
 
         def run(stop: threading.Event) -> None:
             self._step("Solving the poses ...")
@@ -120,7 +132,7 @@ class RobotTab:
                 finally:
                     stop.set()
                     watcher.join()
-                    self._thing.visible = False
+                    self.thing.visible = False
 
         self._playing.start(run)
 
@@ -134,7 +146,7 @@ class RobotTab:
                 raise MotionStopped("stopped", record.reached, record.reached)
 
         robot = self._session.robot
-        with NiryoArm(simulated.address, robot=robot, piece=_PIECE / self._speed.value) as arm:
+        with NiryoArm(simulated.address, robot=robot, piece=_PIECE / self.speed) as arm:
             ending = threading.Thread(target=lambda: (stop.wait(), arm.stop()), daemon=True)
             ending.start()
             try:
@@ -153,8 +165,8 @@ class RobotTab:
             self._show.show_joints(simulated.arm.joints)
             place = simulated.object_position
             if place is not None:
-                self._thing.position = place + np.array([0.0, 0.0, _CUBE / 2])
-                self._thing.visible = True
+                self.thing.position = place + np.array([0.0, 0.0, _CUBE / 2])
+                self.thing.visible = True
 
     def _read(self, host: str, stop: threading.Event) -> None:
         """Show the joints of a robot, over and over, also after it was lost."""
