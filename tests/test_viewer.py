@@ -362,7 +362,7 @@ def test_voxels_are_cut_and_only_their_surface_is_drawn(rng):
     colour = rng.integers(0, 255, (7, 6, 5, 3)).astype(np.uint8)
     centres = tuple(np.arange(size) * 0.1 for size in there.shape)
     voxels = Voxels("x", 0.1, centres, there, colour, 0.0, 1.0)
-    assert np.array_equal(voxels.cut(1, 1.0), there)
+    assert np.array_equal(voxels.cut(1, 0.0), there)
     assert not np.any(voxels.cut(2, 0.0))
     cut = voxels.cut(0, 0.5)
     assert np.array_equal(cut[:4], there[:4])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import shutil
 import threading
 
@@ -182,14 +183,14 @@ def test_the_gizmo_is_dragged_and_the_arm_follows(viewer, page):
 def test_what_is_drawn_can_be_chosen(viewer, page):
     page.get_by_role("tab", name="Show").click()
     parts = {
-        "Solutions as ghosts": viewer.scene.ghosts,
-        "Ellipsoid of manipulability": viewer.scene.motion,
-        "Position error, 95%": viewer.scene.error,
-        "Collision capsules": viewer.scene.capsules,
+        "Ghosts": viewer.scene.ghosts,
+        "Mobility": viewer.scene.motion,
+        "Error": viewer.scene.error,
+        "Capsules": viewer.scene.capsules,
     }
     for label, part in parts.items():
         before = part.visible
-        page.get_by_label(label).click()
+        page.get_by_label(label, exact=True).click()
         wait(page, lambda part=part, before=before: part.visible != before)
     page.wait_for_timeout(1500)
     picture(page, "parts")
@@ -197,7 +198,7 @@ def test_what_is_drawn_can_be_chosen(viewer, page):
     true = np.sqrt(np.linalg.eigvalsh(viewer.view.measures.motion))
     np.testing.assert_allclose(half / half[-1], true / true[-1], rtol=1e-5)
     for label in parts:
-        page.get_by_label(label).click()
+        page.get_by_label(label, exact=True).click()
 
 
 def test_a_path_is_planned_and_taken(viewer, page):
@@ -206,13 +207,13 @@ def test_a_path_is_planned_and_taken(viewer, page):
     page.get_by_text("Add two waypoints or more first").wait_for(timeout=PATIENCE)
     first = viewer.view.target
     page.get_by_role("button", name="Add the target").click()
-    page.get_by_text("1 waypoints").wait_for(timeout=PATIENCE)
+    page.get_by_text("Waypoints: 1").wait_for(timeout=PATIENCE)
     second = first.copy()
     second[:3, 3] += [0.0, 0.03, -0.05]
     viewer.show_target(second)
     assert viewer.settle()
     page.get_by_role("button", name="Add the target").click()
-    page.get_by_text("2 waypoints").wait_for(timeout=PATIENCE)
+    page.get_by_text("Waypoints: 2").wait_for(timeout=PATIENCE)
     page.get_by_role("button", name="Best path").click()
     wait(page, lambda: viewer.route.route is not None)
     found = viewer.route.route
@@ -227,15 +228,15 @@ def test_a_path_is_planned_and_taken(viewer, page):
 @needs_pyniryo
 def test_a_simulated_robot_picks_and_places(viewer, page):
     page.get_by_role("tab", name="Robot").click()
-    viewer.robot.speed = 10.0
+    viewer.robot.speed = 3.0
     page.get_by_role("button", name="Play the pick-and-place").click()
-    page.get_by_text("4 of 10").wait_for(timeout=PATIENCE)
+    page.get_by_text(re.compile(r"\d of 10")).wait_for(timeout=PATIENCE)
     picture(page, "robot")
     page.get_by_text("Done: all 10 steps").wait_for(timeout=PATIENCE)
     thing = viewer.robot.thing.position
     np.testing.assert_allclose(thing[:2], OBJECT_END[:2], atol=0.005)
     page.get_by_role("button", name="Play the pick-and-place").click()
-    page.get_by_text("1 of 10").wait_for(timeout=PATIENCE)
+    page.get_by_text(re.compile(r"\d of 10")).wait_for(timeout=PATIENCE)
     page.get_by_role("button", name="Stop").click()
     page.get_by_text("Stopped.").wait_for(timeout=PATIENCE)
 
@@ -281,7 +282,7 @@ def test_the_joints_of_a_robot_are_read_also_after_it_was_lost(browser):
             opened.get_by_role("tab", name="Robot").click(timeout=PATIENCE)
             opened.get_by_text("Reading the robot").wait_for(timeout=PATIENCE)
             wait(opened, lambda: viewer.scene.live.visible)
-            opened.get_by_label("Show the solutions of where it is").click()
+            opened.get_by_label("Follow it").click()
             wait(opened, lambda: np.allclose(viewer.view.q, simulated.arm.joints, atol=2e-3))
             picture(opened, "live")
             simulated.close()
@@ -296,12 +297,12 @@ def test_a_map_is_drawn_and_cut(browser):
     for module in ("xarray", "zarr", "matplotlib", "filelock"):
         pytest.importorskip(module)
     robot = nj.robots.niryo_one()
-    made = nj.workspace.capability_map(robot, 0.1, orientations=8)
+    made = nj.workspace.capability_map(robot, 0.05, orientations=8)
     with Viewer(robot, map=made, port=0) as viewer:
         opened = browser.new_page(viewport=SIZE)
         opened.goto(viewer.url)
         opened.get_by_role("tab", name="Map").click(timeout=PATIENCE)
-        opened.get_by_text("voxels of 100 mm").wait_for(timeout=PATIENCE)
+        opened.get_by_text("voxels of 50 mm").wait_for(timeout=PATIENCE)
         opened.wait_for_timeout(3000)
         picture(opened, "map")
         opened.close()

@@ -85,7 +85,7 @@ class Ghosts:
         on_click: called with the number of an arm that was clicked.
     """
 
-    OPACITY = 0.3
+    OPACITY = 0.4
 
     def __init__(
         self,

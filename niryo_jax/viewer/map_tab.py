@@ -45,14 +45,14 @@ class MapTab:
             "/map",
             np.zeros((0, 3), np.float32),
             np.zeros((0, 3), np.uint8),
-            point_size=0.9 * self.voxels.edge,
+            point_size=0.55 * self.voxels.edge,
             point_shape="circle",
             point_shading="gradient",
             precision="float32",
         )
         gui = server.gui
         with tabs.add_tab("Map"):
-            visible = gui.add_checkbox("Show the map", True)
+            visible = gui.add_checkbox("Shown", True)
             self._of = gui.add_dropdown("Value", names, initial_value=names[0])
             self._axis = gui.add_dropdown("Cut across", VOXELS, initial_value="y")
             self._share = gui.add_slider(

@@ -115,16 +115,18 @@ class Panel:
         return np.where(said == self._written, self._session.view.q, said * self._units)
 
     def _toggles(self, gui: viser.GuiApi, session: Session) -> None:
-        self._toggle(gui, "Solutions as ghosts", "ghosts", True)
-        self._toggle(gui, "Ellipsoid of manipulability", "motion", False)
-        self._toggle(gui, f"Position error, {PROBABILITY:.0%}", "error", False)
-        times = gui.add_slider("Error drawn larger", min=1, max=200, step=1, initial_value=20)
+        self._toggle(gui, "Ghosts", "ghosts", True, "All other solutions of the target.")
+        self._toggle(gui, "Mobility", "motion", False, "The ellipsoid of manipulability.")
+        hint = f"Where the tool is with a probability of {PROBABILITY:.0%}, magnified."
+        self._toggle(gui, "Error", "error", False, hint)
+        times = gui.add_slider("Error times", min=1, max=200, step=1, initial_value=20, hint=hint)
         times.on_update(lambda event: self._actions.magnify(float(event.target.value)))
         if session.shape.model is not None:
-            self._toggle(gui, "Collision capsules", "capsules", False)
+            hint = "What clearances are of: green apart, amber within 10 mm, red touching."
+            self._toggle(gui, "Capsules", "capsules", False, hint)
 
-    def _toggle(self, gui: viser.GuiApi, label: str, part: str, initial: bool) -> None:
-        box = gui.add_checkbox(label, initial_value=initial)
+    def _toggle(self, gui: viser.GuiApi, label: str, part: str, initial: bool, hint: str) -> None:
+        box = gui.add_checkbox(label, initial_value=initial, hint=hint)
         box.on_update(lambda event: self._actions.drawn(part, event.target.value))
 
     def show(self, view: View, *, move_sliders: bool) -> None:

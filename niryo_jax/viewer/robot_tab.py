@@ -102,7 +102,9 @@ class RobotTab:
                 self._step("Ten steps of a simulated robot, over the robot's own protocol.")
             if host is not None:
                 self._live = say(gui.add_html(""))
-                self._follow = gui.add_checkbox("Show the solutions of where it is", False)
+                self._follow = gui.add_checkbox(
+                    "Follow it", False, hint="Show the solutions of where the robot is."
+                )
         if host is not None:
             self._reading.start(lambda stop: self._read(host, stop))
 

@@ -154,7 +154,7 @@ class RouteTab:
     def _tell(self) -> None:
         count = len(self._waypoints)
         if self.route is None:
-            self._said(f"{count} waypoints. The way between two of them is straight.")
+            self._said(f"Waypoints: {count}. The way between two of them is straight.")
             return
         lines = len(self.route.branches)
         self._said(

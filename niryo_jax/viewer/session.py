@@ -135,16 +135,16 @@ class Session:
         self.slots = len(self.view.found)
 
     def _start(self) -> Vector:
-        """(n,) joints of which there is much to see: of a few, those of a pose above the table that
-        has the most solutions within the limits; of these the most manipulable."""
+        """(n,) joints of which there is something to see: of a few that the arm can take, with the
+        tool above the table, the most manipulable ones that are not the only solution."""
         rng, best = np.random.default_rng(0), (-1, 0.0)
         chosen = np.clip(np.zeros(self.robot.joints), self.lower, self.upper)
         for share in rng.uniform(0.2, 0.8, (_TRIED, self.robot.joints)):
             q = self.lower + share * (self.upper - self.lower)
             one = self._of(q[None])
             high = one.tool[0, 2, 3] > _HIGH * self.shape.reach
-            count = int(np.sum(self._solve(np.asarray(one.tool[0], np.float64)).within_limits))
-            merit = count, float(one.manipulability[0])
+            solutions = self._solve(np.asarray(one.tool[0], np.float64))
+            merit = int(np.sum(solutions.within_limits) > 1), float(one.manipulability[0])
             if high and np.all(one.distances[0] > 0) and merit > best:
                 best, chosen = merit, q
         return chosen

@@ -54,10 +54,14 @@ class Voxels:
         return cls(of, edge, centres, there, painted[..., :3], least, most)
 
     def cut(self, axis: int, share: float) -> NDArray[np.bool_]:
-        """(x, y, z) what there is up to a plane across an axis, 0 to 2, at a share of its range."""
-        kept = round(share * len(self.centres[axis]))
-        below = np.arange(len(self.centres[axis])) < kept
-        return self.there & np.expand_dims(below, tuple({0, 1, 2} - {axis}))
+        """(x, y, z) what there is behind a plane across an axis, 0 to 2, at a share of its range.
+
+        Behind is as the camera stands at first: below along x and z, above along y.
+        """
+        count = len(self.centres[axis])
+        below = np.arange(count) < round(share * count)
+        kept = ~below if axis == 1 else below
+        return self.there & np.expand_dims(kept, tuple({0, 1, 2} - {axis}))
 
     def surface(self, there: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
         """Centres (m, 3) and colours (m, 3) of the voxels that have a side free."""
