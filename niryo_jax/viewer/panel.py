@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
@@ -67,7 +68,9 @@ class Panel:
 
     def __init__(self, gui: viser.GuiApi, session: Session, actions: Actions) -> None:
         self._session, self._actions = session, actions
-        self._written = np.full(session.robot.joints, np.nan)
+        self._lock = threading.Lock()
+        self._said = np.full(session.robot.joints, np.nan)
+        self._q = session.view.q
         self._units = np.where(session.slides, 1e-3, np.deg2rad(1.0))
         self._ends = ends_of(session.lower, session.upper, self._units)
         self._status = gui.add_html("")
@@ -110,9 +113,13 @@ class Panel:
         return slider
 
     def _joints(self) -> Vector:
-        """Those that are shown, but of sliders that were moved what they say now."""
-        said = np.array([slider.value for slider in self._sliders])
-        return np.where(said == self._written, self._session.view.q, said * self._units)
+        """What the sliders stand for: of those that were moved what they say, of all others the
+        joints that they were put to, which they say rounded."""
+        with self._lock:
+            said = np.array([slider.value for slider in self._sliders])
+            self._q = np.where(said == self._said, self._q, said * self._units)
+            self._said = said
+            return self._q
 
     def _toggles(self, gui: viser.GuiApi, session: Session) -> None:
         self._toggle(gui, "Ghosts", "ghosts", True, "All other solutions of the target.")
@@ -144,9 +151,14 @@ class Panel:
             if count > 0:
                 group.options = tuple(str(first + slot + 1) for slot in range(count))
         if move_sliders:
+            self._put(view.q)
+
+    def _put(self, q: Vector) -> None:
+        with self._lock:
+            self._q = q
             for joint, slider in enumerate(self._sliders):
-                angle = float(np.clip(view.q[joint] / self._units[joint], slider.min, slider.max))
-                self._written[joint] = slider.value = round(angle, 1)
+                shown = float(np.clip(q[joint] / self._units[joint], slider.min, slider.max))
+                self._said[joint] = slider.value = round(shown, 1)
 
 
 def ends_of(lower: Vector, upper: Vector, units: Vector) -> tuple[Vector, Vector]:

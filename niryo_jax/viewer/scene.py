@@ -24,7 +24,7 @@ PROBABILITY = 0.95
 _NEAR = 0.01
 """Metres of clearance below which capsules are painted as a warning."""
 
-_INSET = 0.003
+_INSET = 0.008
 """How much thinner ghosts are than the arm, as a share of the reach."""
 
 _MOTION_SIZE = 0.35

@@ -14,11 +14,15 @@ from niryo_jax.collision import CollisionModel, World
 from niryo_jax.extras import need
 from niryo_jax.robot import Robot
 from niryo_jax.robots import MODELS, description
-from niryo_jax.viewer.geometry import Mesh, capsule, merged
+from niryo_jax.viewer.geometry import Mesh, capsule, merged, shrunk
 
 _THIN = 0.03
 """The radius of capsules of an arm of which nothing but its axes is known, as a share of its
 reach."""
+
+
+_STEP = 0.03
+"""Between the radii of links that follow each other, drawn, as a share of the largest."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,7 +69,7 @@ def shape_of(
     """
     if is_niryo(robot):
         model = getattr(collision, robot.name)()
-        meshes = _of_capsules(model)
+        meshes = _drawn(model)
         # The sphere that stands for the base ends where it stands on the table.
         meshes[0].vertices[:, 2] = np.maximum(meshes[0].vertices[:, 2], 0.0)
         # The shoulder stays where it is, and the upper arm comes no nearer than its two ends.
@@ -75,7 +79,7 @@ def shape_of(
     home = np.asarray(robot.home)[:3, 3]
     reach = max(float(np.linalg.norm(home)), 1e-3)
     try:
-        return _shape(_of_capsules(collision.skeleton(robot, _THIN * reach)))
+        return _shape(_drawn(collision.skeleton(robot, _THIN * reach)))
     except ValueError:
         # All axes meet in one point: there is nothing between them.
         return _shape({robot.joints: capsule(np.zeros(3), home, _THIN * reach)})
@@ -104,6 +108,15 @@ def _of_capsules(model: CollisionModel) -> dict[int, Mesh]:
     for link, start, end, radius in zip(model.links, *arrays):
         parts.setdefault(link, []).append(capsule(start, end, float(radius)))
     return {link: merged(found) for link, found in parts.items()}
+
+
+def _drawn(model: CollisionModel) -> dict[int, Mesh]:
+    """Capsules of which neighbours differ in radius, so that of two in one place one is seen."""
+    meshes = _of_capsules(model)
+    return {
+        link: shrunk(mesh, _STEP * float(np.max(model.radius)) * (link % 2))
+        for link, mesh in meshes.items()
+    }
 
 
 def _of_urdf(
