@@ -88,7 +88,7 @@ class Viewer:
     def _furnish(self, map: xr.Dataset | None, host: str | None) -> None:
         server, session = self.server, self.session
         self._configure(session.robot.name)
-        self.scene = Scene(server, session.shape, session.slots, self._dragged, self.choose)
+        self.scene = Scene(server, session.shape, session.slots, self.drag, self.choose)
         self.panel = Panel(server.gui, session, self)
         tabs = self.panel.tabs
         self.route = RouteTab(server, tabs, session, self.show_joints, self.report)
@@ -124,6 +124,10 @@ class Viewer:
         """Show the solutions of a pose (4, 4); the gizmo goes there, and the arm if it can."""
         given = np.array(pose, np.float64)
         self._post("target", lambda: self.session.set_target(given), gizmo=True, sliders=True)
+
+    def drag(self, pose: Vector) -> None:
+        """As `show_target` where the gizmo is at the pose already, since it is dragged."""
+        self._post("target", lambda: self.session.set_target(pose), gizmo=False, sliders=True)
 
     def show_live(self, q: ArrayLike | None) -> None:
         """Show the arm of a robot at joints (n,) beside the arm; none where there is nothing."""
@@ -181,9 +185,6 @@ class Viewer:
 
     def _post(self, kind: str, update: Callable[[], View], *, gizmo: bool, sliders: bool) -> None:
         self._worker.post(kind, lambda: self._draw(update(), gizmo=gizmo, sliders=sliders))
-
-    def _dragged(self, pose: Vector) -> None:
-        self._post("target", lambda: self.session.set_target(pose), gizmo=False, sliders=True)
 
     def _draw(self, view: View, *, gizmo: bool, sliders: bool) -> None:
         self.panel.show(view, move_sliders=sliders)
