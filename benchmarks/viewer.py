@@ -18,9 +18,9 @@ from typing import Any
 import jax
 import numpy as np
 
-import niryo_jax as nj
 from benchmarks import reference
 from benchmarks.measure import Claim, Report, about, header, table
+from niryo_jax.robots import catalogue
 from niryo_jax.viewer import Viewer
 from niryo_jax.viewer.geometry import places, pose_of
 
@@ -172,7 +172,7 @@ def streamed(client: Client, poses: np.ndarray) -> float:
 
 def measure(name: str, moves: int, report: Report) -> tuple[list[str], list[Claim]]:
     """A row of the table, and the claims of an arm."""
-    with Viewer(nj.robots.catalogue.load(name), port=0) as viewer:
+    with Viewer(catalogue.load(name), port=0) as viewer:
         poses = swing(viewer.view.target, moves)
         in_process(viewer, poses[:5])
         own = np.array(in_process(viewer, poses))

@@ -20,6 +20,7 @@ from support import product_of_exponentials, random_rotations
 
 import niryo_jax as nj
 from niryo_jax import collision, uncertainty
+from niryo_jax.robots import catalogue
 from niryo_jax.viewer import Session, colours, route, shape_of
 from niryo_jax.viewer.geometry import capsule, ellipsoid, merged, places, pose_of, shrunk
 from niryo_jax.viewer.panel import ends_of
@@ -101,9 +102,9 @@ def test_each_link_of_a_niryo_is_drawn_where_its_capsules_are(session):
     assert min(mesh.vertices[:, 2].min() for mesh in session.shape.meshes.values()) >= 0
 
 
-@pytest.mark.parametrize("name", nj.robots.catalogue.names())
+@pytest.mark.parametrize("name", catalogue.names())
 def test_every_arm_of_the_catalogue_has_a_shape(name):
-    robot = nj.robots.catalogue.load(name)
+    robot = catalogue.load(name)
     shape = shape_of(robot)
     assert all(0 <= link <= robot.joints for link in shape.meshes)
     assert all(volume(mesh) > 0 for mesh in shape.meshes.values())
@@ -240,7 +241,7 @@ def test_colours_tell_branches_apart_and_grey_what_is_outside(session):
 
 @pytest.mark.parametrize("name", ["abb_irb910sc", "rttr"])
 def test_arms_of_other_kinds_are_shown_too(name):
-    robot = nj.robots.catalogue.load(name)
+    robot = catalogue.load(name)
     session = Session(robot)
     view = check(session.set_joints(session.start), robot)
     assert view.clearance() is None
@@ -383,6 +384,37 @@ def test_voxels_are_cut_and_only_their_surface_is_drawn(rng):
     assert set(drawn) == seen
     for index, shade in zip(drawn, painted):
         assert np.array_equal(shade, colour[index])
+
+
+# --- what is sent
+
+
+@needs_viser
+def test_ghosts_that_are_sent_reach_the_target_and_a_lost_client_is_not_missed(session):
+    from benchmarks.viewer import Client, miss, swing
+    from niryo_jax.viewer import Viewer
+
+    with Viewer(session.robot, shape=session.shape, port=0) as viewer:
+        poses = swing(viewer.view.target, 30)
+        lost = Client(viewer)
+        assert lost.ghosts(10) is not None or viewer.settle()
+        lost.drag(poses[1])
+        lost.close()
+        client = Client(viewer)
+        while client.ghosts(0.5) is not None:
+            pass
+        for pose in poses[2:]:
+            client.drag(pose)
+            sent = client.ghosts(30)
+            assert sent is not None
+            assert miss(viewer, pose, sent) < 2e-6
+        # Of many at once the last is shown.
+        for pose in poses:
+            client.drag(pose)
+        while client.ghosts(0.5) is not None:
+            pass
+        np.testing.assert_allclose(viewer.view.target, poses[-1], atol=1e-12)
+        client.close()
 
 
 # --- the command

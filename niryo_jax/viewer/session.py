@@ -173,7 +173,7 @@ class Session:
         target = np.asarray(target, np.float64)
         solutions = self._solve(target)
         q, ok = solutions.nearest(self.view.q)
-        return self._show(np.asarray(q) if ok else self.view.q, target, solutions)
+        return self._show(np.asarray(q, np.float64) if ok else self.view.q, target, solutions)
 
     def choose(self, slot: int) -> View:
         """The arm in a solution of the target; nothing changes where the slot holds none.
@@ -183,7 +183,8 @@ class Session:
         view = self.view
         if not 0 <= slot < len(view.found) or not view.found[slot]:
             return view
-        return self._show(np.asarray(view.solutions.q[slot]), view.target, view.solutions)
+        q = np.asarray(view.solutions.q[slot], np.float64)
+        return self._show(q, view.target, view.solutions)
 
     def joints_of(self, q: ArrayLike) -> Measures:
         """What is known of joint vectors (n,) or (k, n), k of which is no more than the slots."""
