@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
+import inspect
 import json
 import signal
 import socket
@@ -459,6 +460,14 @@ def test_without_the_extra_one_line_says_what_to_install(cli, monkeypatch):
     code, out, err = cli("view")
     assert (code, out) == (5, "")
     assert 'pip install "niryo_jax[viewer]"' in err
+
+
+def test_the_port_of_the_command_is_that_of_the_viewer():
+    pytest.importorskip("typer")
+    from niryo_jax.cli import view
+    from niryo_jax.viewer import PORT
+
+    assert inspect.signature(view.view).parameters["port"].default == PORT
 
 
 def test_importing_it_needs_no_viser():
