@@ -40,7 +40,7 @@ from niryo_jax.lie import se3, so3
 from niryo_jax.robot import Robot
 
 if TYPE_CHECKING:
-    from niryo_jax import calibration, collision, uncertainty, workspace
+    from niryo_jax import calibration, collision, uncertainty, viewer, workspace
 
 __all__ = [
     "CurveEnd",
@@ -75,10 +75,11 @@ __all__ = [
     "subproblems",
     "tool_velocity",
     "uncertainty",
+    "viewer",
     "workspace",
 ]
 
-_LATER = ("calibration", "collision", "uncertainty", "workspace")
+_LATER = ("calibration", "collision", "uncertainty", "viewer", "workspace")
 """Packages imported where they are first used: a third of all the modules that there are."""
 
 

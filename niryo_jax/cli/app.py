@@ -29,6 +29,7 @@ _MODULES = {
     "workspace": "workspace",
     "calibrate": "calibrate",
     "stack": "stack",
+    "view": "view",
 }
 
 # Negative numbers look like options to the parser; whatever is no option is left to the arguments.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 from enum import StrEnum
 from typing import Annotated
 
@@ -12,6 +10,7 @@ import typer
 from niryo_jax.cli.console import stdout
 from niryo_jax.cli.options import JsonOption, NiryoOption, RobotName
 from niryo_jax.cli.outcome import ExitCode, Failure, print_json
+from niryo_jax.cli.serving import wait_for_stop
 from niryo_jax.cli.tables import millimetres
 from niryo_jax.hardware import SimulatedNiryo
 from niryo_jax.hardware.pick_and_place import OBJECT_START
@@ -56,20 +55,7 @@ def simulate(
         else:
             out.print(f"A simulated {robot.value} listens on {simulated.address}; Ctrl-C ends it.")
             out.print(f"Try: niryo-jax pick-and-place --host {simulated.address}")
-        _wait_for_stop()
+        wait_for_stop()
         position = simulated.object_position
         if not as_json and position is not None:
             out.print(f"The object is at ({millimetres(position)}) mm.")
-
-
-def _wait_for_stop() -> None:
-    """Wait for Ctrl-C or a request to terminate; both also where a script runs this command in
-    the background, with Ctrl-C ignored."""
-    stop = threading.Event()
-
-    def on_signal(*_: object) -> None:
-        stop.set()
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, on_signal)
-    stop.wait()
