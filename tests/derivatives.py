@@ -234,7 +234,8 @@ def _modules() -> Iterator[tuple[str, types.ModuleType]]:
     yield "", nj
     offered = [name for name in nj.__all__ if isinstance(getattr(nj, name), types.ModuleType)]
     for name in offered:
-        yield f"{name}.", getattr(nj, name)
+        if name not in _OUTSIDE:
+            yield f"{name}.", getattr(nj, name)
     for info in pkgutil.iter_modules(nj.__path__):
         if info.name.startswith("_") or info.name in (*offered, *_OUTSIDE):
             continue

@@ -24,7 +24,13 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 HOST = "10.10.10.10"
 """The host of a robot, on every page."""
 
-NEEDS = {"zarr": "nj.workspace", "pyniryo": "NiryoArm", "yourdfpy": "urdf", "mujoco": "mjcf"}
+NEEDS = {
+    "zarr": "nj.workspace",
+    "pyniryo": "NiryoArm",
+    "yourdfpy": "urdf",
+    "mujoco": "mjcf",
+    "viser": "Viewer",
+}
 """Packages that are not always installed, and the word by which a block asks for one."""
 
 _FENCE = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
