@@ -2,7 +2,7 @@
 
     python -m benchmarks [lanes floors kinematics lie compiling first_answer devices complete_ik
                           robots honesty arms workspace uncertainty collision collision_maps motion
-                          velocity] [--save]
+                          velocity viewer] [--save]
     python -m benchmarks --gate [--save]      whether anything has become slower (`gate`)
 
 Peers that are not installed are left out and named. Install them with `pip install --group peers`;
@@ -38,6 +38,7 @@ PARTS = (
     "collision_maps",
     "motion",
     "velocity",
+    "viewer",
 )
 
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks.md"
