@@ -1,7 +1,8 @@
 """Capability maps: exact, fast, the same bits on any number of devices and after any kill.
 
-    python -m benchmarks.workspace [--only map scale kills machines faults peers] [--voxel 0.025]
-                                   [--orientations 200] [--kills 20] [--most 100000000] [--save]
+    python -m benchmarks.workspace [--only map arms scale kills machines faults peers]
+                                   [--voxel 0.025] [--orientations 200] [--kills 20]
+                                   [--most 100000000] [--save]
 
 On all cores of the machine. The exit code is 1 where a number of the map is not that of inverse
 kinematics pose by pose, a pose that the arm can take is called unreachable, two ways of computing
@@ -35,9 +36,12 @@ from niryo_jax import collision as co
 from niryo_jax import workspace as ws
 from niryo_jax.workspace.orientations import rotations_of
 
-PARTS = ("map", "scale", "kills", "machines", "faults", "peers")
+PARTS = ("map", "arms", "scale", "kills", "machines", "faults", "peers")
 CELLS = 10_000
 AT_ONCE = 40
+ARMS = (("niryo_one", 0.025), ("abb_irb120", 0.025), ("ur16e", 0.025), ("kuka_iiwa14", 0.1))
+"""Arms of each kind of solver, and the voxels of their maps, metres."""
+
 SAMPLES = 100_000
 COARSE = ("--voxel", "0.04", "--orientations", "64", "--full")
 """A map of several chunks that takes a few seconds."""
@@ -183,6 +187,26 @@ def time_map(report: Report, store: Path, options: argparse.Namespace) -> None:
             cost["seconds"] < 120,
         )
     )
+
+
+def time_arms(report: Report, work: Path, orientations: int) -> None:
+    """Maps of arms of each kind."""
+    rows = list[list[str]]()
+    for name, voxel in ARMS:
+        store = work / "arm.zarr"
+        size = ("--voxel", str(voxel), "--orientations", str(orientations))
+        cost = run(store, "--robot", name, *size)
+        found = ws.open_map(store)
+        share = float(found.reachability_index.mean())
+        undecided = float(found.undecided_fraction.mean())
+        shutil.rmtree(store)
+        row = [name, f"{voxel:g}", f"{cost['poses']:,}", f"{cost['seconds']:.0f}"]
+        rate = cost["computed"] / cost["computing"]
+        rows.append([*row, f"{rate:,.0f}", f"{share:.1%}", f"{undecided:.2%}"])
+        report.data.setdefault("arms", {})[name] = cost
+        print(rows[-1], flush=True)
+    head = ["arm", "voxel (m)", "poses", "whole process (s)", "poses/s", "reached", "undecided"]
+    report.sections.append("## Arms of each kind\n\n" + table(head, rows))
 
 
 def time_sizes(report: Report, work: Path, most: float) -> None:
@@ -379,6 +403,8 @@ def main() -> int:
         if "map" in options.only:
             time_map(report, work / "main.zarr", options)
             check_map(report, robot, work / "main.zarr")
+        if "arms" in options.only:
+            time_arms(report, work, options.orientations)
         if "scale" in options.only:
             time_sizes(report, work, options.most)
         if "kills" in options.only:

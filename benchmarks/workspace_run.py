@@ -1,7 +1,7 @@
 """One map in a process of its own, for `benchmarks.workspace`: prints what it cost as JSON.
 
-python -m benchmarks.workspace_run STORE --voxel 0.025 --orientations 200 [--devices 8]
-    [--address 127.0.0.1:1234 --index 0] [--full]
+python -m benchmarks.workspace_run STORE --voxel 0.025 --orientations 200 [--robot ur16e]
+    [--devices 8] [--address 127.0.0.1:1234 --index 0] [--full]
 """
 
 from __future__ import annotations
@@ -13,14 +13,15 @@ import time
 
 import jax
 
-import niryo_jax as nj
 from niryo_jax import workspace as ws
+from niryo_jax.robots import catalogue
 
 
 def main() -> None:
-    """Make or resume the map of the Niryo One."""
+    """Make or resume the map."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("store")
+    parser.add_argument("--robot", default="niryo_one")
     parser.add_argument("--voxel", type=float, default=0.025)
     parser.add_argument("--orientations", type=int, default=200)
     parser.add_argument("--devices", type=int, default=1)
@@ -39,7 +40,7 @@ def main() -> None:
 
 def make(options: argparse.Namespace) -> None:
     """Make the map and print what it cost."""
-    robot = nj.robots.niryo_one()
+    robot = catalogue.load(options.robot)
     times: list[tuple[float, int]] = []
     started = time.perf_counter()
     ws.capability_map(

@@ -149,7 +149,7 @@ def kill_when_some_is_done(process, store, chunks, later):
             break
         time.sleep(0.001)
     process.send_signal(signal.SIGKILL)
-    process.wait()
+    process.communicate()
 
 
 def test_a_killed_run_goes_on_to_the_same_bytes(start, uninterrupted, tmp_path, rng):
