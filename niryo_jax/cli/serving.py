@@ -5,6 +5,9 @@ from __future__ import annotations
 import signal
 import threading
 
+_LOOK = 0.2
+"""Seconds between looks at whether to end: on Windows a wait without end is not interrupted."""
+
 
 def wait_for_stop() -> None:
     """Wait for Ctrl-C or a request to terminate; both also where a script runs this command in
@@ -16,4 +19,5 @@ def wait_for_stop() -> None:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, on_signal)
-    stop.wait()
+    while not stop.wait(_LOOK):
+        pass

@@ -1,0 +1,122 @@
+"""What Windows and macOS lack is done without: each test takes it away, or says what they say."""
+
+from __future__ import annotations
+
+import errno
+import os
+import pathlib
+import signal
+import socket
+import sys
+import threading
+
+import pytest
+
+from niryo_jax import arguments, programs
+from niryo_jax.execution import devices
+
+pytestmark = pytest.mark.fast
+
+
+def test_a_system_that_tells_no_size_of_its_memory(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delattr(os, "sysconf", raising=False)
+    arguments.memory_size.cache_clear()
+    try:
+        assert arguments.memory_size() == 2**40
+    finally:
+        arguments.memory_size.cache_clear()
+
+
+def test_a_system_that_gives_a_process_no_cores_of_its_own(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    assert devices.cores() == (os.cpu_count() or 1)
+
+
+def test_a_system_without_proc(monkeypatch: pytest.MonkeyPatch):
+    cache = _cache()
+
+    def absent(path: pathlib.Path, *_: object, **__: object) -> str:
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+
+    cache._machine.cache_clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(pathlib.Path, "read_text", absent)
+        share, machine = programs.mapped_share(), cache._machine()
+    cache._machine.cache_clear()
+    assert share == 0.0
+    assert "uname_result" in machine
+
+
+def test_windows_has_no_owners_of_files(monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path):
+    cache, facts = _cache(), tmp_path.stat()
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "name", "nt")
+        patch.delattr(os, "geteuid", raising=False)
+        assert cache._is_own(facts, others=0o777)
+
+
+def test_a_command_that_serves_can_be_stopped_on_windows(monkeypatch: pytest.MonkeyPatch):
+    """There a wait without end is never interrupted, so there must be none."""
+    pytest.importorskip("typer")
+    from niryo_jax.cli import serving
+
+    waits: list[float | None] = []
+
+    class Stop(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            waits.append(timeout)
+            if len(waits) == 3:
+                handlers[signal.SIGINT](signal.SIGINT, None)
+            return self.is_set()
+
+    handlers: dict[int, object] = {}
+    monkeypatch.setattr(signal, "signal", handlers.__setitem__)
+    monkeypatch.setattr(threading, "Event", Stop)
+    serving.wait_for_stop()
+    assert len(waits) == 3
+    assert all(seconds is not None and 0 < seconds <= 1 for seconds in waits)
+
+
+@pytest.mark.parametrize(("system", "name"), [("win32", "PIPE"), ("linux", "OUTPUT")])
+def test_a_broken_pipe_is_an_invalid_argument_on_windows(
+    monkeypatch: pytest.MonkeyPatch, system: str, name: str
+):
+    pytest.importorskip("typer")
+    from niryo_jax.cli.outcome import ExitCode
+    from niryo_jax.cli.streams import OutputLost, _Results
+
+    class Ended:
+        def write(self, text: str) -> int:
+            raise OSError(errno.EINVAL, "Invalid argument")
+
+        def fileno(self) -> int:
+            raise OSError(errno.EBADF, "no descriptor")
+
+    monkeypatch.setattr(sys, "platform", system)
+    with pytest.raises(OutputLost) as lost:
+        _Results(Ended()).write("a result")
+    assert lost.value.code is ExitCode[name]
+
+
+def test_a_port_is_listened_on_by_one_program_on_windows(monkeypatch: pytest.MonkeyPatch):
+    """There SO_REUSEADDR lets a second program listen on a port that is taken."""
+    pytest.importorskip("viser")
+    from niryo_jax.viewer.app import free_port
+
+    asked: list[int] = []
+
+    class Probe(socket.socket):
+        def setsockopt(self, level: int, option: int, *value: object) -> None:  # type: ignore[override]
+            asked.append(option)
+
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(socket, "socket", Probe)
+    assert free_port("127.0.0.1", 0) > 0
+    assert socket.SO_REUSEADDR not in asked
+
+
+def _cache():
+    pytest.importorskip("platformdirs")
+    from niryo_jax.cli import cache
+
+    return cache
