@@ -42,6 +42,8 @@ from niryo_jax.robot import Robot
 if TYPE_CHECKING:
     from niryo_jax import calibration, collision, uncertainty, viewer, workspace
 
+__version__ = "0.2.0"
+
 __all__ = [
     "CurveEnd",
     "IKSolutions",

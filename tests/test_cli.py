@@ -269,7 +269,7 @@ def test_an_unexpected_error_ends_with_1_and_without_a_traceback(cli, monkeypatc
 
 
 def test_version_and_describe(cli, as_json):
-    assert cli("--version")[:2] == (0, "niryo_jax 0.1.0\n")
+    assert cli("--version")[:2] == (0, f"niryo_jax {nj.__version__}\n")
     assert "niryo_ned" in cli("describe", "--robot", "niryo_ned")[1]
     code, document = as_json("describe")
     assert code == 0
