@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from niryo_jax import __version__
+from niryo_jax._version import __version__
 from niryo_jax.cli.outcome import ExitCode, Failure, as_failure
 
 _EXIT_CODES = "\n\n".join(["Exit codes:", *(f"{code:3d}  {code.message}" for code in ExitCode)])

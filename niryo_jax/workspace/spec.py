@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
-from niryo_jax import __version__
+from niryo_jax._version import __version__
 from niryo_jax.arguments import check_choice, check_count, check_number
 from niryo_jax.collision import CollisionCheck
 from niryo_jax.ik import Method, method_for
