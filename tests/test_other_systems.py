@@ -7,8 +7,10 @@ import os
 import pathlib
 import signal
 import socket
+import subprocess
 import sys
-import threading
+import textwrap
+from collections.abc import Callable
 
 import pytest
 
@@ -55,26 +57,53 @@ def test_windows_has_no_owners_of_files(monkeypatch: pytest.MonkeyPatch, tmp_pat
         assert cache._is_own(facts, others=0o777)
 
 
-def test_a_command_that_serves_can_be_stopped_on_windows(monkeypatch: pytest.MonkeyPatch):
-    """There a wait without end is never interrupted, so there must be none."""
+def test_a_command_that_serves_waits_in_pieces(monkeypatch: pytest.MonkeyPatch):
+    """On Windows a wait for an event is never interrupted; a short sleep ends anywhere."""
     pytest.importorskip("typer")
     from niryo_jax.cli import serving
 
-    waits: list[float | None] = []
+    handlers: dict[int, Callable[[int, object], None]] = {}
+    slept: list[float] = []
 
-    class Stop(threading.Event):
-        def wait(self, timeout: float | None = None) -> bool:
-            waits.append(timeout)
-            if len(waits) == 3:
-                handlers[signal.SIGINT](signal.SIGINT, None)
-            return self.is_set()
+    def sleep(seconds: float) -> None:
+        slept.append(seconds)
+        if len(slept) == 3:
+            handlers[signal.SIGINT](signal.SIGINT, None)
 
-    handlers: dict[int, object] = {}
     monkeypatch.setattr(signal, "signal", handlers.__setitem__)
-    monkeypatch.setattr(threading, "Event", Stop)
-    serving.wait_for_stop()
-    assert len(waits) == 3
-    assert all(seconds is not None and 0 < seconds <= 1 for seconds in waits)
+    monkeypatch.setattr(serving.time, "sleep", sleep)
+    serving.until_stopped()()
+    assert len(slept) == 3
+    assert all(0 < seconds <= 1 for seconds in slept)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_a_command_that_serves_ends_at_whatever_line_it_is_told_to():
+    """A handler that takes a lock waits for itself where the signal comes inside of that lock."""
+    pytest.importorskip("typer")
+    code = """
+        import signal, sys
+        from niryo_jax.cli import serving
+        wait = serving.until_stopped()
+        serving._LOOK = 1e-6
+        signal.setitimer(signal.ITIMER_REAL, 10)
+        left = [1000]
+        def told(frame, event, argument):
+            left[0] -= 1
+            if not left[0]:
+                signal.raise_signal(signal.SIGTERM)
+            return told
+        for lines in range(1, 60):
+            left[0] = lines
+            wait = serving.until_stopped()
+            sys.settrace(told)
+            wait()
+            sys.settrace(None)
+        print("ended")
+    """
+    command = [sys.executable, "-c", textwrap.dedent(code)]
+    done = subprocess.run(command, capture_output=True, timeout=60)
+    assert done.stdout == b"ended\n", done.stderr
 
 
 @pytest.mark.parametrize(("system", "name"), [("win32", "PIPE"), ("linux", "OUTPUT")])
