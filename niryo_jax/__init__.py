@@ -11,6 +11,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from niryo_jax import motion, robots, subproblems
+from niryo_jax._version import __version__
 from niryo_jax.chain import forward_kinematics, link_poses
 from niryo_jax.differential import joint_rates, tool_velocity
 from niryo_jax.ik import (
@@ -51,6 +52,7 @@ __all__ = [
     "Singularity",
     "SolutionCurves",
     "UnreachableReason",
+    "__version__",
     "arm_angle",
     "autodiff_space_jacobian",
     "body_jacobian",

@@ -48,6 +48,26 @@ chain of many small steps can take all memory: a test watches each program that 
 Since jaxlib 0.11 there is no way to do without them, and such programs take twice as long."""
 
 
+_GONE_SINCE: Mapping[str, tuple[int, ...]] = {"xla_cpu_use_fusion_emitters": (0, 11)}
+_NEWEST_TRIED = (0, 12)
+
+
+def environment_flags(jaxlib_version: str = jaxlib.version.__version__) -> str:
+    """`COMPILE_FAST` as the variable XLA_FLAGS of a process may say it.
+
+    A process ends where XLA meets an option in there that it does not know. So those that are gone
+    are left out, and all of them with a jaxlib that is newer than any that has been tried.
+    """
+    version = tuple(int(part) for part in jaxlib_version.split(".")[:2])
+    if version > _NEWEST_TRIED:
+        return ""
+    return " ".join(
+        f"--{name}={str(value).lower() if isinstance(value, bool) else value}"
+        for name, value in COMPILE_FAST.items()
+        if name not in _GONE_SINCE or version < _GONE_SINCE[name]
+    )
+
+
 @functools.cache
 def _is_known(option: str, value: Any) -> bool:
     """Whether this version of XLA knows an option of its compiler; they come and go."""

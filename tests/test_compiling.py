@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import functools
+import os
+import subprocess
+import sys
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +13,7 @@ import numpy as np
 import pytest
 
 import niryo_jax as nj
-from niryo_jax._jax import COMPILE_FAST, Compiled, _is_known
+from niryo_jax._jax import COMPILE_FAST, Compiled, _is_known, environment_flags
 from niryo_jax.execution.padding import SMALL, is_small, program_size
 from niryo_jax.ik.complete import driver
 from niryo_jax.ik.methods.complete import CompleteSolver, _structure
@@ -111,3 +114,20 @@ def test_programs_that_are_compiled_fast_stay_small(name):
     lowered = jax.jit(program).lower(rest, *map(jnp.asarray, arrays))
     compiled = lowered.compile(compiler_options=dict(COMPILE_FAST))
     assert compiled.as_text().count(" = ") < LARGEST
+
+
+def test_a_process_is_given_no_option_that_ends_it():
+    emitters, optimisation = "--xla_cpu_use_fusion_emitters=false", "optimization_level=0"
+    assert emitters in environment_flags("0.10.2").split()
+    for version in ("0.11.0", "0.11.2", "0.12.0.1"):
+        assert emitters not in environment_flags(version)
+        assert optimisation in environment_flags(version)
+    assert environment_flags("0.13.0") == environment_flags("1.0.0") == ""
+
+
+def test_xla_takes_the_options_that_a_process_is_given():
+    """With the jaxlib that is installed; a process of its own, since it would end."""
+    code = "import jax; jax.devices(); print('alive')"
+    environment = {**os.environ, "XLA_FLAGS": environment_flags()}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True)
+    assert done.stdout == b"alive\n", done.stderr

@@ -9,7 +9,7 @@ from pathlib import Path
 TOP = {"CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}
 """Pages of the repository's top level, and what they are called in the site."""
 
-_KINDS = {".md", ".png", ".svg", ".css"}
+_KINDS = {".md", ".png", ".svg", ".webp", ".css"}
 _INTO_DOCS = re.compile(r"\]\(docs/")
 _SCRIPT = re.compile(r"\]\(\.\./((?:\.\./)*)examples/(?:notebooks/)?(\w+)\.py\)")
 """A link of a page in docs/ to a script, which the site has as a page."""

@@ -9,7 +9,7 @@ import sys
 import jax
 
 from niryo_jax import interruption
-from niryo_jax._jax import COMPILE_FAST
+from niryo_jax._jax import environment_flags
 from niryo_jax.cli.outcome import ExitCode, Failure
 from niryo_jax.cli.streams import guard_streams
 
@@ -47,9 +47,5 @@ def _run(arguments: list[str]) -> int:
     if arguments[0] != "workspace":
         # A handful of poses are solved on the spot; an accelerator takes longer to be found.
         jax.config.update("jax_platforms", os.environ.get("JAX_PLATFORMS") or "cpu")
-        flags = [
-            f"--{name}={str(value).lower() if isinstance(value, bool) else value}"
-            for name, value in COMPILE_FAST.items()
-        ]
-        os.environ.setdefault("XLA_FLAGS", " ".join(flags))
+        os.environ.setdefault("XLA_FLAGS", environment_flags())
     return run(arguments)

@@ -8,11 +8,11 @@ import sys
 import traceback
 import warnings
 from collections.abc import Sequence
-from importlib.metadata import version
 from typing import Annotated
 
 import typer
 
+from niryo_jax._version import __version__
 from niryo_jax.cli.outcome import ExitCode, Failure, as_failure
 
 _EXIT_CODES = "\n\n".join(["Exit codes:", *(f"{code:3d}  {code.message}" for code in ExitCode)])
@@ -58,7 +58,7 @@ def application(arguments: Sequence[str] = ()) -> typer.Typer:
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        print(f"niryo_jax {version('niryo_jax')}")
+        print(f"niryo_jax {__version__}")
         raise typer.Exit
 
 

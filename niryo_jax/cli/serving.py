@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 import signal
-import threading
+import time
+from collections.abc import Callable
+
+_LOOK = 0.2
+"""Seconds between looks at whether to end."""
 
 
-def wait_for_stop() -> None:
-    """Wait for Ctrl-C or a request to terminate; both also where a script runs this command in
-    the background, with Ctrl-C ignored."""
-    stop = threading.Event()
+def until_stopped() -> Callable[[], None]:
+    """Listen for Ctrl-C and requests to terminate, and return the wait for one of them.
 
-    def on_signal(*_: object) -> None:
-        stop.set()
+    Whoever reads that this command serves may end it at once: call this before it is said. Both end
+    it also where a script runs this command in the background, with Ctrl-C ignored.
+    """
+    told: list[int] = []
+
+    def on_signal(number: int, _: object) -> None:
+        told.append(number)
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, on_signal)
-    stop.wait()
+
+    def wait() -> None:
+        # No event: its lock may be held where the signal interrupts, which then waits for itself;
+        # and on Windows nothing interrupts a wait for it.
+        while not told:
+            time.sleep(_LOOK)
+
+    return wait

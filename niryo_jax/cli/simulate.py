@@ -10,7 +10,7 @@ import typer
 from niryo_jax.cli.console import stdout
 from niryo_jax.cli.options import JsonOption, NiryoOption, RobotName
 from niryo_jax.cli.outcome import ExitCode, Failure, print_json
-from niryo_jax.cli.serving import wait_for_stop
+from niryo_jax.cli.serving import until_stopped
 from niryo_jax.cli.tables import millimetres
 from niryo_jax.hardware import SimulatedNiryo
 from niryo_jax.hardware.pick_and_place import OBJECT_START
@@ -49,13 +49,14 @@ def simulate(
         raise Failure(f"cannot listen on {host}:{port}: {error}", ExitCode.ROBOT) from error
     out = stdout()
     with simulated:
+        wait = until_stopped()
         simulated.place_object((*object_at, 0.0))
         if as_json:
             print_json({"robot": robot.value, "address": simulated.address})
         else:
             out.print(f"A simulated {robot.value} listens on {simulated.address}; Ctrl-C ends it.")
             out.print(f"Try: niryo-jax pick-and-place --host {simulated.address}")
-        wait_for_stop()
+        wait()
         position = simulated.object_position
         if not as_json and position is not None:
             out.print(f"The object is at ({millimetres(position)}) mm.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import os
 import sys
@@ -84,11 +85,16 @@ class _Remarks(_Stream):
     """Standard error, where what cannot be written is lost."""
 
 
+def _is_lost_pipe(error: OSError) -> bool:
+    """Whether it is what Windows says in the place of a broken pipe."""
+    return sys.platform == "win32" and error.errno == errno.EINVAL
+
+
 class _Results(_Stream):
     """Standard output, where what cannot be written ends the command."""
 
     def _tell(self, error: OSError) -> None:
-        if isinstance(error, BrokenPipeError):
+        if isinstance(error, BrokenPipeError) or _is_lost_pipe(error):
             said = "the program that read the output ended before its end (broken pipe)"
             raise OutputLost(said, ExitCode.PIPE) from error
         raise OutputLost(

@@ -14,7 +14,7 @@ from niryo_jax.cli.choice import ArmArgument, BaseOption, TipOption, load_arm
 from niryo_jax.cli.console import busy, show_lines, stderr
 from niryo_jax.cli.options import JsonOption
 from niryo_jax.cli.outcome import ExitCode, Failure, print_json
-from niryo_jax.cli.serving import wait_for_stop
+from niryo_jax.cli.serving import until_stopped
 from niryo_jax.extras import need
 from niryo_jax.robot import Robot
 from niryo_jax.robots import catalogue
@@ -79,12 +79,13 @@ def view(
         )
         viewer = Viewer(arm, shape=shape, map=found, host=host, address=address, port=port)
     with viewer:
+        wait = until_stopped()
         if as_json:
             print_json({"robot": arm.name, "url": viewer.url})
         else:
             show_lines(f"{arm.name} is shown at {viewer.url}; Ctrl-C ends it.")
         _open(viewer.url, browser)
-        wait_for_stop()
+        wait()
 
 
 def _arm(name: str | None, found: xr.Dataset | None, base: str | None, tip: str | None) -> Robot:

@@ -6,7 +6,6 @@ import math
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NamedTuple, get_args
 
 import jax
@@ -14,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
+from niryo_jax._version import __version__
 from niryo_jax.arguments import check_choice, check_count, check_number
 from niryo_jax.collision import CollisionCheck
 from niryo_jax.ik import Method, method_for
@@ -196,7 +196,7 @@ class MapSpec:
             "collisions": None if collisions is None else collisions.text(),
             "dtype": str(jnp.result_type(float)),
             "platform": jax.default_backend(),
-            "niryo_jax": _version(),
+            "niryo_jax": __version__,
             "jax": jax.__version__,
         }
 
@@ -235,10 +235,3 @@ class MapSpec:
             raise ValueError(f"map: expected the attribute {error} of a capability map") from None
         except (TypeError, AttributeError) as error:
             raise ValueError(f"map: its attributes are damaged: {error}") from None
-
-
-def _version() -> str:
-    try:
-        return version("niryo_jax")
-    except PackageNotFoundError:
-        return "not installed"
