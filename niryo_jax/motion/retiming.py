@@ -113,7 +113,9 @@ def retime(
             check_between(robot, rows[first : first + block], s, place.q, first, batch)
         fastest = _most_rate(limits, cartesian, place, _tool_rates(robot, cartesian, place))
         if allowed is not None:
-            fastest = fastest * pace_at(rows[first : first + block], allowed[first : first + block], s)
+            fastest = fastest * pace_at(
+                rows[first : first + block], allowed[first : first + block], s
+            )
         core = _fast if method == "fastest" else _smooth
         timed.append(core(spline, u, place, limits, fastest))
     return jax.tree.map(lambda *parts: cut_rows(jnp.concatenate(parts), batch), *timed)

@@ -121,7 +121,7 @@ def _polynomial(start: End, end: End, whole: float) -> Vector:
 def _scale(end: End, whole: float) -> Vector:
     """By how much derivatives by the parameter are larger than those by the length, (3, 1)."""
     length = min(_BEND, whole) if end.spacing else whole
-    return length ** np.arange(1, 4)[:, None]
+    return np.array([[length], [length**2], [length**3]])
 
 
 def _lengths(q: Vector) -> Vector:

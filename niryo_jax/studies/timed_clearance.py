@@ -1,7 +1,8 @@
 """Whether a timed plan stays clear of the arm itself and of what stands around it.
 
-Looked at along the trajectory, and along the straight ways of the joints between the stops that a
-Niryo is sent to, whichever of its commands is used. What the gripper holds has no shape here.
+Looked at along the trajectory, and along the ways between the stops that a Niryo is sent to: those
+of its joints and those of its tool, whichever of its commands is used. What the gripper holds has
+no shape here.
 """
 
 from __future__ import annotations
@@ -13,16 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from niryo_jax.collision import CollisionCheck
-from niryo_jax.hardware import execution
 from niryo_jax.hardware.plan_clearance import PlanClearance, refusal, straight_way
-from niryo_jax.hardware.targets import JointTargets
+from niryo_jax.studies.sections import WITHIN, sections
 from niryo_jax.studies.timed_plan import TimedPlan
 
 Vector = NDArray[np.float64]
-
-WITHIN = 2e-3
-"""Radians by which joints may leave the trajectory between two stops: so the tool of a Niryo stays
-within 2 mm of it, and the jaws of gripper 1 above the table."""
 
 
 def check_timed(
@@ -67,15 +63,15 @@ def check_timed(
 
 def _looked_at(timed: TimedPlan, within: float) -> tuple[Vector, Vector, NDArray[np.int64]]:
     """Times (m,), joint vectors (m, n) and the steps (m,) that they belong to."""
-    whole = timed.trajectory
+    whole, turned = timed.trajectory, timed.plan.turned
     parts = [_between(np.asarray(whole.time), np.asarray(whole.q))]
-    targets = JointTargets(timed.plan.robot)
-    for number, (first, _) in enumerate(timed.motions):
-        motion, begin = timed.motion(number), timed.steps[first].begin
-        for straight in (True, False):
-            sent = execution.plan(timed.plan.robot, targets, motion, within, straight)
-            stops = np.array([timed.plan.turned(stop) for stop in sent.stops])
-            parts.append(_between(begin + sent.time, stops))
+    for section in sections(timed, within):
+        begin = timed.steps[section.first].begin
+        parts.append(_between(begin + section.moves.time, turned(section.moves.stops)))
+        if section.lines is not None and section.on_lines is not None:
+            number = np.linspace(0, len(section.lines.time) - 1, len(section.on_lines))
+            times = np.interp(number, np.arange(len(section.lines.time)), section.lines.time)
+            parts.append(_between(begin + times, turned(section.on_lines)))
     time, q = (np.concatenate(arrays) for arrays in zip(*parts))
     ends = np.array([step.end for step in timed.steps])
     step = np.minimum(np.searchsorted(ends, time, side="left"), len(ends) - 1)
@@ -90,7 +86,8 @@ def _between(time: Vector, q: Vector) -> tuple[Vector, Vector]:
     """Joints (k, n) at times (k,), with the straight ways between them filled in."""
     ways = [straight_way(*ends) for ends in itertools.pairwise(q)]
     times = [
-        np.linspace(start, end, len(way)) for (start, end), way in zip(itertools.pairwise(time), ways)
+        np.linspace(start, end, len(way))
+        for (start, end), way in zip(itertools.pairwise(time), ways)
     ]
     # A trajectory of one sample has no ways.
     return np.concatenate([time[:1], *times]), np.concatenate([q[:1], *ways])

@@ -8,13 +8,12 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
 from niryo_jax.hardware import Execution, ExecutionAborted
-from niryo_jax.hardware.execution import Progress, TimedJoints
+from niryo_jax.hardware.execution import By, Progress, TimedJoints
 from niryo_jax.hardware.pick_and_place import Arm, PlannedStep, position_error
-from niryo_jax.studies.timed_clearance import WITHIN
+from niryo_jax.studies.sections import WITHIN, sections
 from niryo_jax.studies.timed_plan import TimedPlan, TimedStep
 
 Vector = NDArray[np.float64]
@@ -27,6 +26,7 @@ class TimedArm(Arm, Protocol):
         self,
         trajectory: TimedJoints,
         *,
+        by: By | None = ...,
         within: float = ...,
         keep_time: bool = ...,
         progress: Progress | None = ...,
@@ -70,21 +70,21 @@ def execute_timed(
 ) -> tuple[TimedRecord, ...]:
     """Move an arm to the start of a timed plan, carry the plan out and record what the arm did.
 
-    Each motion from rest to rest is one `NiryoArm.execute`; the gripper acts in between, and the
-    arm rests until the time of the next motion. Where it is late, it goes on at once.
+    Each of its `sections` is one `NiryoArm.execute`; the gripper acts in between, and the arm
+    rests until the time of the next motion. Where it is late, it goes on at once.
 
     Args:
         timed: the plan.
         arm: the arm, connected, calibrated, and with its tool; nothing in its way to the start
             (`plan_clearance.check_approach`).
-        on_step: called with each record as it is made; those of one motion together.
+        on_step: called with each record as it is made; those of one section together.
         within: radians by which joints may leave the trajectory between two stops.
         keep_time: whether to wait where the arm is early. A simulated robot that is sped up need
             not.
-        progress: as of `NiryoArm.execute`, for each motion.
+        progress: as of `NiryoArm.execute`, for each section.
 
     Raises:
-        ExecutionAborted: a motion ended on its way; says of which steps.
+        ExecutionAborted: a section ended on its way; says of which steps.
         NiryoError: what `NiryoArm` raises; nothing more is sent.
     """
     plan, records = timed.plan, list[TimedRecord]()
@@ -99,32 +99,33 @@ def execute_timed(
         records.append(TimedRecord(planned, timed.steps[number], reached, error, end))
         on_step(records[-1])
 
+    section_of = {section.first: section for section in sections(timed, within)}
     arm.set_speed(plan.steps[0].step.percent)
     at = arm.move_joints(plan.told(plan.steps[0].joints))
     begin = time.monotonic()
     done(0, at, 0.0)
-    motion_of = {first: number for number, (first, _) in enumerate(timed.motions)}
     while (number := len(records)) < len(timed.steps):
-        if number not in motion_of:
+        section = section_of.get(number)
+        if section is None:
             _act(arm, plan.steps[number].step.action)
             at = arm.joints()
             left = timed.steps[number].end - (time.monotonic() - begin)
             arm.wait(max(left, 0.0) if keep_time else 0.0)
             done(number, at, time.monotonic() - begin)
             continue
-        last = timed.motions[motion_of[number]][1]
         try:
             execution = arm.execute(
-                timed.motion(motion_of[number]),
+                section.trajectory,
+                by="moves" if section.lines is None else None,
                 within=within,
                 keep_time=keep_time,
                 progress=progress,
             )
         except ExecutionAborted as error:
-            raise _named(error, timed, number, last) from error.__cause__
-        for passed in range(number, last):
+            raise _named(error, timed, number, section.last) from error.__cause__
+        for passed in range(number, section.last):
             done(passed, None, None)
-        done(last, execution.reached[-1], time.monotonic() - begin)
+        done(section.last, execution.reached[-1], time.monotonic() - begin)
     return tuple(records)
 
 

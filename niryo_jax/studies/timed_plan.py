@@ -1,33 +1,23 @@
-"""A plan of steps as one timed trajectory: lines of the tool, smooth free ways, rests of the arm.
-
-A move whose poses differ along z alone is a vertical line of the tool. What lies between is free:
-the joints pass through the pose where it meets a line along the line's own direction, and need not
-stop there. The arm rests at the start, at the end, and where its gripper acts.
-"""
+"""A plan of steps as one timed trajectory, with rests where the gripper acts."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from niryo_jax.arguments import check_number, check_positive
 from niryo_jax.hardware.pick_and_place import Plan, StepUnsolvable
-from niryo_jax.ik import follow
-from niryo_jax.motion import (
-    JointTrajectory,
-    MotionLimits,
-    cartesian_trajectory,
-    niryo_limits,
-    retime,
-)
+from niryo_jax.motion import JointTrajectory, MotionLimits, niryo_limits, retime
 from niryo_jax.motion.limits import check_limits_of
 from niryo_jax.robots import MODELS
-from niryo_jax.studies.smooth_way import End, end_of, free_way, towards
+from niryo_jax.studies.timed_motions import Motion, motions_of
 
 Vector = NDArray[np.float64]
+Way = Literal["start", "line", "free", "rest"]
 
 DWELL = 1.0
 """Seconds that the arm rests while its gripper acts: longer than that of a Niryo takes."""
@@ -35,14 +25,8 @@ DWELL = 1.0
 SAMPLING = 0.01
 """Seconds between two samples, at most."""
 
-_LINE = 5e-4
-"""Metres between two poses of a line that are solved: in between a spline misses by picometres."""
-
 _ROW = 256
 """Times are looked up in rows of a multiple of this, so that programs are few."""
-
-_SAME = 1e-9
-_SAME_JOINTS = 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,7 +36,8 @@ class TimedStep:
     Attributes:
         begin, end: seconds from the start of the trajectory.
         first, last: the samples of the trajectory at these times.
-        line: whether the tool goes along a vertical line.
+        way: "start", where the arm is brought before; "line", a vertical one of the tool; "free";
+            or "rest", where the gripper acts or the arm is sent where it stands.
         rests: whether the arm is at rest at its end.
     """
 
@@ -60,7 +45,7 @@ class TimedStep:
     end: float
     first: int
     last: int
-    line: bool
+    way: Way
     rests: bool
 
 
@@ -85,10 +70,9 @@ class TimedPlan:
         """Seconds."""
         return self.steps[-1].end
 
-    def motion(self, number: int) -> JointTrajectory:
-        """The part from one rest to the next, its times from 0, as the joints are to be told."""
-        first, last = (self.steps[i] for i in self.motions[number])
-        part = slice(first.first, last.last + 1)
+    def part(self, first: int, last: int) -> JointTrajectory:
+        """What steps `first` to `last` move, its times from 0, as the joints are to be told."""
+        part = slice(self.steps[first].first, self.steps[last].last + 1)
         time, *joints = (np.asarray(x)[part] for x in self.trajectory)
         return JointTrajectory(time - time[0], *map(self.plan.told, joints))  # pyright: ignore[reportArgumentType]
 
@@ -128,138 +112,9 @@ def timed_plan(
     check_limits_of(limits, robot.joints)
     check_number("dwell", dwell, "seconds, zero or more", lambda x: 0 <= x < math.inf)
     check_positive("step", step, "a positive number of seconds")
-    motions = _motions(plan)
+    motions = motions_of(plan)
     done = _timed(plan, limits, motions, step) if motions else []
     return _assembled(plan, motions, done, float(dwell), step)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Motion:
-    """Moves from rest to rest.
-
-    Attributes:
-        first: the step of the first of them.
-        q: (k, n) joint vectors on the way.
-        ends: the samples at which each of them ends.
-        lines: which of them are lines.
-    """
-
-    first: int
-    q: Vector
-    ends: tuple[int, ...]
-    lines: tuple[bool, ...]
-
-
-def _motions(plan: Plan) -> list[_Motion]:
-    """All motions; moves to where the arm stands are none, and stand between two."""
-    lines = _Lines(plan)
-    motions = list[_Motion]()
-    group = list[int]()
-
-    def close() -> None:
-        if group:
-            motions.append(_motion(plan, lines, group))
-        group.clear()
-
-    for number in range(1, len(plan.steps)):
-        if not _moves(plan, number):
-            close()
-            continue
-        if group and lines.is_line(number) and lines.is_line(number - 1):
-            # Two lines meet in a corner.
-            close()
-        group.append(number)
-    close()
-    return motions
-
-
-def _moves(plan: Plan, number: int) -> bool:
-    way = plan.steps[number].joints - plan.steps[number - 1].joints
-    return plan.steps[number].step.action == "move" and float(np.max(np.abs(way))) > _SAME
-
-
-def _motion(plan: Plan, lines: _Lines, group: list[int]) -> _Motion:
-    stops = [plan.steps[i].joints for i in (group[0] - 1, *group)]
-    straight = [lines.between(i) if lines.is_line(i) else None for i in group]
-    ways = list[Vector]()
-    for at, line in enumerate(straight):
-        if line is not None:
-            ways.append(line)
-            continue
-        chord = stops[at + 1] - stops[at]
-        start, end = towards(stops[at], chord), towards(stops[at + 1], chord)
-        if at > 0:
-            start = _through(straight[at - 1], stops[at - 1 : at + 2])
-        if at + 1 < len(group):
-            after = straight[at + 1]
-            backwards = None if after is None else after[::-1]
-            end = _through(backwards, stops[at + 2 : at - 1 if at else None : -1])
-            end = end.reversed()
-        ways.append(free_way(start, end))
-    q = np.concatenate([ways[0], *(way[1:] for way in ways[1:])])
-    ends = np.cumsum([len(way) - 1 for way in ways])
-    return _Motion(group[0], q, tuple(ends.tolist()), tuple(x is not None for x in straight))
-
-
-def _through(line: Vector | None, stops: list[Vector]) -> End:
-    """How a stop, the middle one of three, is passed: along the line that leads to it, or in the
-    direction from the one before to the one after."""
-    return end_of(line) if line is not None else towards(stops[1], stops[2] - stops[0])
-
-
-class _Lines:
-    """The vertical lines of a plan; one that is gone along twice is solved once."""
-
-    def __init__(self, plan: Plan) -> None:
-        self._plan = plan
-        self._known = dict[tuple[bytes, bytes], Vector]()
-        poses = list[Vector | None]()
-        for planned in plan.steps:
-            stays = poses[-1] if poses else None
-            poses.append(stays if planned.step.pose is None else planned.step.pose)
-        self._poses = poses
-
-    def is_line(self, number: int) -> bool:
-        """Whether a step is a move along z alone."""
-        start, end = self._poses[number - 1], self._poses[number]
-        if start is None or end is None or self._plan.steps[number].step.action != "move":
-            return False
-        apart = np.abs(end - start)
-        rise = float(apart[2, 3])
-        apart[2, 3] = 0.0
-        return rise > _SAME and float(np.max(apart)) <= _SAME
-
-    def between(self, number: int) -> Vector:
-        """(k, n) joints along the line of a step."""
-        start, end = (self._plan.steps[i].joints for i in (number - 1, number))
-        ends = np.round(start, 9).tobytes(), np.round(end, 9).tobytes()
-        if ends[::-1] in self._known:
-            return self._known[ends[::-1]][::-1]
-        if ends not in self._known:
-            self._known[ends] = self._solved(number, start, end)
-        return self._known[ends]
-
-    def _solved(self, number: int, start: Vector, end: Vector) -> Vector:
-        robot, step = self._plan.robot, self._plan.steps[number].step
-        first, last = self._poses[number - 1], self._poses[number]
-        assert first is not None
-        assert last is not None
-        count = 3 + math.ceil(abs(last[2, 3] - first[2, 3]) / _LINE)
-        poses = cartesian_trajectory(first, last, 1.0, count, lambda u: u).pose
-        path = follow(robot, poses, start)
-        q = np.array(path.q, np.float64)
-        if not np.all(path.ok):
-            raise StepUnsolvable(
-                f"step {number + 1} ({step.title}) of {robot.name}, a line of the tool: "
-                f"{path.message}"
-            )
-        if np.max(np.abs(q[[0, -1]] - [start, end])) > _SAME_JOINTS:
-            raise StepUnsolvable(
-                f"step {number + 1} ({step.title}) of {robot.name}: the line of the tool leads to "
-                "other joints than those that were chosen for its end"
-            )
-        q[0], q[-1] = start, end
-        return q
 
 
 @dataclasses.dataclass(frozen=True)
@@ -270,7 +125,7 @@ class _Done:
     ends: tuple[int, ...]
 
 
-def _timed(plan: Plan, limits: MotionLimits, motions: list[_Motion], step: float) -> list[_Done]:
+def _timed(plan: Plan, limits: MotionLimits, motions: list[Motion], step: float) -> list[_Done]:
     """All motions timed in one batch."""
     count = max(len(motion.q) for motion in motions)
     q, pace = np.empty((len(motions), count, plan.robot.joints)), np.ones((len(motions), count - 1))
@@ -307,13 +162,13 @@ def _timed(plan: Plan, limits: MotionLimits, motions: list[_Motion], step: float
 
 
 def _assembled(
-    plan: Plan, motions: list[_Motion], done: list[_Done], dwell: float, step: float
+    plan: Plan, motions: list[Motion], done: list[_Done], dwell: float, step: float
 ) -> TimedPlan:
     """Motions and rests, one after the other."""
     start = plan.steps[0].joints
     at_rest = np.zeros((1, len(start)))
     parts = [JointTrajectory(np.zeros(1), start[None], at_rest, at_rest)]  # pyright: ignore[reportArgumentType]
-    steps = [TimedStep(0.0, 0.0, 0, 0, line=False, rests=True)]
+    steps = [TimedStep(0.0, 0.0, 0, 0, "start", rests=True)]
     of = {motion.first: (motion, timed) for motion, timed in zip(motions, done)}
 
     def add(part: JointTrajectory) -> None:
@@ -329,11 +184,10 @@ def _assembled(
             add(timed.trajectory)
             lasts = [first + end for end in timed.ends]
             whens = [begin + float(timed.trajectory.time[end]) for end in timed.ends]
-            for i, (when, last) in enumerate(zip(whens, lasts)):
-                line, rests = motion.lines[i], i + 1 == len(lasts)
-                steps.append(
-                    TimedStep(steps[-1].end, when, steps[-1].last, last, line=line, rests=rests)
-                )
+            for line, when, last in zip(motion.lines, whens, lasts):
+                before, way = steps[-1], "line" if line else "free"
+                rests = last == lasts[-1]
+                steps.append(TimedStep(before.end, when, before.last, last, way, rests))
             number += len(lasts)
             continue
         # The gripper acts, or the arm is sent where it stands.
@@ -342,7 +196,7 @@ def _assembled(
         stays = np.broadcast_to(plan.steps[number].joints, (count + 1, len(start)))
         still = np.zeros_like(stays)
         add(JointTrajectory(np.linspace(0.0, rest, count + 1), stays, still, still))  # pyright: ignore[reportArgumentType]
-        steps.append(TimedStep(begin, begin + rest, first, first + count, line=False, rests=True))
+        steps.append(TimedStep(begin, begin + rest, first, first + count, "rest", rests=True))
         number += 1
     whole = JointTrajectory(*map(np.concatenate, zip(*parts)))  # pyright: ignore[reportArgumentType]
     ranges = [(motion.first, motion.first + len(motion.ends) - 1) for motion in motions]
