@@ -63,9 +63,7 @@ def pick_and_place(
     ] = None,
     timed: Annotated[
         bool,
-        typer.Option(
-            "--timed", help="As one timed trajectory: no halt but where the gripper acts."
-        ),
+        typer.Option("--timed", help="As one timed trajectory, at rest where the gripper acts."),
     ] = False,
     dwell: Annotated[
         float | None,

@@ -53,8 +53,8 @@ def trajectory_document(timed: TimedPlan) -> dict[str, object]:
 def timed_words(timed: TimedPlan) -> str:
     """How long a timed plan takes, as a sentence."""
     passed = [str(i) for i, step in enumerate(timed.steps, start=1) if not step.rests]
-    through = f"; the arm does not halt after steps {', '.join(passed)}" if passed else ""
-    return f"Duration: {timed.duration:.2f} s{through}."
+    through = f"; it does not halt at the ends of steps {', '.join(passed)}" if passed else ""
+    return f"The trajectory takes {timed.duration:.2f} s{through}."
 
 
 def timed_table(timed: TimedPlan) -> Table:

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from niryo_jax.collision import CollisionCheck
+from niryo_jax.hardware.execution import Execution
 from niryo_jax.hardware.plan_clearance import PlanClearance, refusal, straight_way
+from niryo_jax.motion import JointTrajectory
 from niryo_jax.studies.sections import WITHIN, sections
 from niryo_jax.studies.timed_plan import TimedPlan
 
@@ -63,31 +65,47 @@ def check_timed(
 
 def _looked_at(timed: TimedPlan, within: float) -> tuple[Vector, Vector, NDArray[np.int64]]:
     """Times (m,), joint vectors (m, n) and the steps (m,) that they belong to."""
-    whole, turned = timed.trajectory, timed.plan.turned
-    parts = [_between(np.asarray(whole.time), np.asarray(whole.q))]
+    time, q = (np.asarray(x) for x in timed.trajectory[:2])
+    parts = [_between(time, q)]
     for section in sections(timed, within):
-        begin = timed.steps[section.first].begin
-        parts.append(_between(begin + section.moves.time, turned(section.moves.stops)))
+        begin, turned = timed.steps[section.first].begin, timed.plan.turned
+        when = _Clock(section.trajectory, section.moves)
+        ways = [straight_way(*ends) for ends in itertools.pairwise(section.moves.stops)]
+        times = [when(leg, np.linspace(0.0, 1.0, len(way))) for leg, way in enumerate(ways)]
+        parts.append((begin + np.concatenate(times), turned(np.concatenate(ways))))
         if section.lines is not None and section.on_lines is not None:
-            number = np.linspace(0, len(section.lines.time) - 1, len(section.on_lines))
-            times = np.interp(number, np.arange(len(section.lines.time)), section.lines.time)
-            parts.append(_between(begin + times, turned(section.on_lines)))
-    time, q = (np.concatenate(arrays) for arrays in zip(*parts))
+            when, legs = _Clock(section.trajectory, section.lines), len(section.lines.stops) - 1
+            shares = np.linspace(0.0, 1.0, 1 + (len(section.on_lines) - 1) // legs)[1:]
+            times = np.concatenate([when(leg, shares) for leg in range(legs)])
+            parts.append(_between(begin + np.append(0.0, times), turned(section.on_lines)))
     ends = np.array([step.end for step in timed.steps])
-    step = np.minimum(np.searchsorted(ends, time, side="left"), len(ends) - 1)
     # Each step has its own end, steps that take no time too.
-    lasts = [step.last for step in timed.steps]
-    time = np.concatenate([time, ends])
-    q = np.concatenate([q, np.asarray(whole.q)[lasts]])
-    return time, q, np.concatenate([step, np.arange(len(ends))])
+    parts.append((ends, q[[step.last for step in timed.steps]]))
+    time, q = (np.concatenate(arrays) for arrays in zip(*parts))
+    step = np.minimum(np.searchsorted(ends, time, side="left"), len(ends) - 1)
+    step[-len(ends) :] = np.arange(len(ends))
+    return time, q, step
 
 
 def _between(time: Vector, q: Vector) -> tuple[Vector, Vector]:
     """Joints (k, n) at times (k,), with the straight ways between them filled in."""
     ways = [straight_way(*ends) for ends in itertools.pairwise(q)]
-    times = [
-        np.linspace(start, end, len(way))
-        for (start, end), way in zip(itertools.pairwise(time), ways)
-    ]
+    both = zip(itertools.pairwise(time), ways)
+    times = [np.linspace(start, end, len(way)) for (start, end), way in both]
     # A trajectory of one sample has no ways.
     return np.concatenate([time[:1], *times]), np.concatenate([q[:1], *ways])
+
+
+class _Clock:
+    """When a trajectory has done a share of the way between two of its stops."""
+
+    def __init__(self, trajectory: JointTrajectory, sent: Execution) -> None:
+        self._time, self._q = (np.asarray(x) for x in trajectory[:2])
+        self._sent = sent
+
+    def __call__(self, leg: int, share: Vector) -> Vector:
+        stops, (start, end) = self._sent.stops[leg : leg + 2], self._sent.time[leg : leg + 2]
+        inside = (start <= self._time) & (self._time <= end)
+        way = stops[1] - stops[0]
+        done = (self._q[inside] - stops[0]) @ way / (way @ way)
+        return np.interp(share, np.maximum.accumulate(done), self._time[inside])
