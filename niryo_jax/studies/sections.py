@@ -8,6 +8,7 @@ hardly leaves the trajectory. There each stop has to be a move of its own.
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,9 +54,12 @@ class Section:
     on_lines: Vector | None
 
 
+@functools.lru_cache(maxsize=4)
 def sections(timed: TimedPlan, within: float = WITHIN) -> tuple[Section, ...]:
     """The sections of a timed plan, in order: motions from rest to rest, or their single steps
     where not all of a motion can be done on lines of the tool.
+
+    They are kept, since what has been looked at is then sent.
 
     Args:
         timed: the plan.

@@ -22,6 +22,9 @@ from niryo_jax.studies.timed_plan import TimedPlan
 
 Vector = NDArray[np.float64]
 
+_ROWS = 4096
+"""Joint vectors are looked at in multiples of this, so that programs are few."""
+
 
 def check_timed(
     timed: TimedPlan, check: CollisionCheck, *, within: float = WITHIN
@@ -45,11 +48,12 @@ def check_timed(
         ValueError: the model has links that the arm does not.
     """
     time, q, step = _looked_at(timed, within)
-    found = jax.device_get(check.distances(timed.plan.robot, q))
+    padded = np.pad(q, ((0, -len(q) % _ROWS), (0, 0)), mode="edge")
+    found = jax.device_get(check.distances(timed.plan.robot, padded))
     count = len(timed.steps)
     if not found.pairs:
         return PlanClearance(np.full(count, np.inf), (("", ""),) * count, len(q))
-    least = np.min(found.distance, axis=-1)
+    least = np.min(found.distance, axis=-1)[: len(q)]
     clearance, pairs = np.empty(count), list[tuple[str, str]]()
     for number in range(count):
         own = np.flatnonzero(step == number)

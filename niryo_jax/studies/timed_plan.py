@@ -49,9 +49,9 @@ class TimedStep:
     rests: bool
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class TimedPlan:
-    """A plan as one trajectory, which begins where its first step ends.
+    """A plan as one trajectory, which begins where its first step ends; compared by identity.
 
     Attributes:
         plan: the steps, solved.
