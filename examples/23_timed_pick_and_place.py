@@ -69,7 +69,7 @@ def main(picture: Path | None = None, time_scale: float = 50.0) -> Result:
     less = "less than a nanometre" if off < 1e-9 else f"{1e9 * off:.1f} nm"
     print(f"on the four vertical lines the tool is off by {less}")
 
-    # 3. Nothing may be hit: neither along the trajectory nor between the stops that a robot is sent.
+    # 3. Nothing may be hit, along the trajectory and between the stops that a robot is sent to.
     model = collision.shipped(robot, "gripper_1")
     check = collision.CollisionCheck(model, collision.World.table(0.0))
     clear = studies.check_timed(timed, check)

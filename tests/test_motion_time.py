@@ -597,11 +597,8 @@ def test_bad_paths_are_refused_by_name(options, error, message):
 
 @pytest.mark.parametrize("method", ["fastest", "quintic"])
 def test_a_pace_bounds_the_velocities_of_a_part(method):
-    """Its steps are kept to where they are, at full speed otherwise, and the samples are met."""
-    q, loose = (
-        waypoints(3),
-        motion.MotionLimits(LIMITS.velocity, 10 * np.asarray(LIMITS.acceleration)),
-    )
+    """And of that part alone: what is faster elsewhere stays so."""
+    q, loose = waypoints(3), LIMITS.scaled(acceleration=10.0)
     pace = np.array([1.0, 0.3, 0.3, 1.0, 0.6])
     path = motion.retime(q, loose, pace=pace, method=method)
     s = np.asarray(path.spline.knots)[: len(q)]
@@ -614,7 +611,7 @@ def test_a_pace_bounds_the_velocities_of_a_part(method):
     if method == "fastest":
         np.testing.assert_allclose(most, pace, rtol=2e-2)
     assert path.duration > motion.retime(q, loose, method=method).duration
-    assert path.duration < motion.retime(q, loose.scaled(0.3), method=method).duration
+    assert path.duration <= motion.retime(q, loose.scaled(0.3), method=method).duration
 
 
 def _shares_of(path, method):
