@@ -44,8 +44,9 @@ def timed_figure(timed: TimedPlan, check: CollisionCheck | None = None) -> Figur
         axes: list[Axes] = list(figure.subplots(rows, 1, sharex=True))
         for joint, colour in zip(range(q.shape[1]), _COLOURS * q.shape[1]):
             # Joints that move alike are both seen.
-            style = {"linestyle": "-" if joint < 3 else "--", "label": robot.joint_names[joint]}
-            axes[0].plot(time, np.rad2deg(q[:, joint]), color=colour, lw=0.9, **style)
+            style, label = "-" if joint < 3 else "--", robot.joint_names[joint]
+            turned = np.rad2deg(q[:, joint])
+            axes[0].plot(time, turned, color=colour, lw=0.9, linestyle=style, label=label)
         axes[0].set_ylabel("joint angle (deg)", color=INK)
         axes[0].legend(fontsize=6, ncols=6, frameon=False, loc="lower center")
         axes[1].plot(time, _MM * height, color=BLUE, lw=0.9)
