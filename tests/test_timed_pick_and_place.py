@@ -518,15 +518,14 @@ class TestCommandRuns:
         assert "10/10  Return to the start" in err
 
     def test_a_fault_ends_with_4_and_the_steps_so_far(self, as_json):
-        fault = Fault(FaultKind.REFUSE, "GRASP_WITH_TOOL", message="Tool is hot")
+        fault = Fault(FaultKind.REFUSE, "MOVE_JOINTS", occurrence=2, message="Collision")
         with SimulatedNiryo(time_scale=1000.0, faults=[fault]) as simulated:
-            code, document = as_json(
-                *("pick-and-place", "--timed", "--host", simulated.address, "--speed", "100")
-            )
+            code, document = as_json("pick-and-place", "--timed", "--host", simulated.address)
         assert code == document["exit_code"] == 4
-        assert document["steps_done"] == 3
-        assert "Tool is hot" in document["error"]
-        assert "joints_read_rad" not in document["steps"][3]
+        assert document["steps_done"] == 1
+        assert document["error"].startswith("step 2 (Approach above the object): ")
+        assert document["error"].endswith("Collision")
+        assert "joints_read_rad" not in document["steps"][1]
 
     def test_ctrl_c_says_what_was_done(self, as_json, monkeypatch):
         from niryo_jax.cli.progress import StepProgress
