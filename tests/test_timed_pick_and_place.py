@@ -442,6 +442,16 @@ class TestExecuted:
             assert commands(simulated).count("GRASP_WITH_TOOL") == 1
 
 
+@pytest.fixture
+def solved(monkeypatch, timed):
+    """Commands take the plan that is solved and timed already."""
+    pytest.importorskip("typer")
+    pytest.importorskip("rich")
+    module = "niryo_jax.cli.pick_and_place"
+    monkeypatch.setattr(f"{module}.plan", lambda *_, **__: timed.plan)
+    monkeypatch.setattr(f"{module}.time_plan", lambda *_: timed)
+
+
 class TestCommand:
     @pytest.fixture(autouse=True)
     def _needs(self):
@@ -468,6 +478,7 @@ class TestCommand:
             assert np.shape(trajectory[name]) == shape
         assert document["clearance"]["pair"] == ["tool", "table"]
 
+    @pytest.mark.usefixtures("solved")
     def test_what_collides_is_refused_and_nothing_is_sent(self, as_json, cli):
         pytest.importorskip("pyniryo")
         with SimulatedNiryo(time_scale=1000.0) as simulated:
@@ -501,14 +512,9 @@ class TestCommand:
         assert said in err
 
 
-@pytest.mark.usefixtures("_needs_all")
+@pytest.mark.usefixtures("solved")
 class TestCommandRuns:
     pytestmark = needs_pyniryo
-
-    @pytest.fixture
-    def _needs_all(self):
-        pytest.importorskip("typer")
-        pytest.importorskip("rich")
 
     def test_the_simulated_robot_does_it(self, cli):
         code, out, err = cli("pick-and-place", "--timed", "--time-scale", "1000")
