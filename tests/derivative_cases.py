@@ -66,6 +66,9 @@ _REASONS = {
     "a simulated study, from measurement to picture": """
         studies.block_stacking studies.instrument studies.postures studies.stacking_figure
         studies.typical_wear""",
+    "times, looks at and carries out a known plan": """
+        studies.TimedPlan.duration studies.TimedPlan.part studies.TimedRecord.late
+        studies.check_timed studies.execute_timed studies.timed_figure studies.timed_plan""",
 }
 
 WITHOUT = {name: reason for reason, names in _REASONS.items() for name in names.split()}

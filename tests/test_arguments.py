@@ -89,7 +89,7 @@ OTHERS: dict[str, Any] = {
 OF_FUNCTION: dict[str, dict[str, Any]] = {
     "motion.best_path": {"poses": np.stack([POSE, POSE])},
     "motion.blend": {"poses": np.stack([POSE, np.eye(4) + 0.1 * np.eye(4, k=3)])},
-    "motion.retime": {"path": np.zeros((3, 6))},
+    "motion.retime": {"path": np.zeros((3, 6)), "pace": np.ones(2)},
     "uncertainty.position_ellipsoid": {"covariance": np.eye(3)},
     "collision.segment_distance": {"start": POINT, "end": POINT},
     "collision.box_distance": {"start": POINT, "end": POINT},

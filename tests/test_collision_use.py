@@ -511,3 +511,7 @@ def test_collision_is_used_by_those_that_may_and_uses_none_of_them():
     assert driving == {"plan_clearance"}
     for package in ("uncertainty", "calibration"):
         assert not any("collision" in found for found in imports(package).values())
+
+
+def test_an_arm_is_driven_without_what_times_a_path():
+    assert not any(found & {"motion", "studies"} for found in imports("hardware").values())

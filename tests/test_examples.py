@@ -50,6 +50,19 @@ def test_pick_and_place():
     np.testing.assert_allclose(result.position, [0.148, 0.148, 0.0], atol=1e-6)
 
 
+@pytest.mark.skipif(importlib.util.find_spec("pyniryo") is None, reason="pyniryo is not installed")
+@pytest.mark.filterwarnings("ignore:pyniryo .* is made for:UserWarning")
+def test_timed_pick_and_place(tmp_path):
+    picture = tmp_path / "timed.png"
+    drawing = importlib.util.find_spec("matplotlib") is not None
+    result = run("23_timed_pick_and_place", *([picture] if drawing else []))
+    assert result.timed.duration == pytest.approx(12.14, abs=5e-3)
+    assert result.off < 1e-9
+    assert result.clearance == pytest.approx(2.9e-3, abs=5e-5)
+    np.testing.assert_allclose(result.position, [0.148, 0.148, 0.0], atol=1e-6)
+    assert picture.exists() == drawing
+
+
 def test_puma_type():
     result = run("05_puma_type")
     assert (result.count, result.complete) == (8, True)

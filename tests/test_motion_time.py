@@ -583,12 +583,55 @@ def test_a_path_does_not_depend_on_its_batch():
         ({"robot": "niryo_one"}, TypeError, "^robot: "),
         ({"cartesian": 0.1}, TypeError, "^cartesian: expected CartesianLimits, got float"),
         ({"cartesian": motion.CartesianLimits(1.0)}, ValueError, "^cartesian: expected a robot"),
+        ({"pace": np.ones(4)}, ValueError, r"^pace: expected shape \(5,\), .*, got \(4,\)"),
+        ({"pace": 0.0}, ValueError, r"^pace: expected shares in \(0, 1\], got 0.0"),
+        ({"pace": [1, 1, 1.1, 1, 1]}, ValueError, r"^pace: expected shares in \(0, 1\]"),
+        ({"pace": "slow"}, TypeError, "^pace: "),
     ],
 )
 def test_bad_paths_are_refused_by_name(options, error, message):
     good = {"path": waypoints(0), "limits": LIMITS}
     with pytest.raises(error, match=message):
         motion.retime(**{**good, **options})
+
+
+@pytest.mark.parametrize("method", ["fastest", "quintic"])
+def test_a_pace_bounds_the_velocities_of_a_part(method):
+    """And of that part alone: what is faster elsewhere stays so."""
+    q, loose = waypoints(3), LIMITS.scaled(acceleration=10.0)
+    pace = np.array([1.0, 0.3, 0.3, 1.0, 0.6])
+    path = motion.retime(q, loose, pace=pace, method=method)
+    s = np.asarray(path.spline.knots)[: len(q)]
+    found = numbers(path.every(2e-3))
+    done = np.interp(found.time, *_shares_of(path, method))
+    part = np.clip(np.searchsorted(s, done, side="right") - 1, 0, len(pace) - 1)
+    share = np.max(np.abs(found.velocity) / np.asarray(loose.velocity), axis=-1)
+    most = [np.max(share[part == i]) for i in range(len(pace))]
+    assert np.all(most <= pace * (1 + 1e-3))
+    if method == "fastest":
+        np.testing.assert_allclose(most, pace, rtol=2e-2)
+    assert path.duration > motion.retime(q, loose, method=method).duration
+    assert path.duration <= motion.retime(q, loose.scaled(0.3), method=method).duration
+
+
+def _shares_of(path, method):
+    if method == "fastest":
+        return np.asarray(path.time), np.asarray(path.s)
+    u = np.linspace(0, 1, 20_001)
+    return u * float(path.duration), np.asarray(motion.quintic_time_scaling(u, 1.0).s)
+
+
+def test_an_even_pace_is_that_of_scaled_limits():
+    q = waypoints(4)
+    even = motion.retime(np.stack([q, q]), LIMITS, pace=np.array([[0.4], [1.0]]))
+    for path, limits in zip(np.asarray(even.duration), (LIMITS.scaled(0.4), LIMITS)):
+        assert path == pytest.approx(float(motion.retime(q, limits).duration), rel=1e-12)
+    # Samples that repeat the one before take their parts with them.
+    repeated = motion.retime(
+        q[[0, 1, 1, 2, 3, 4, 5, 5]], LIMITS, pace=[0.5, 0.01, 1, 1, 1, 1, 0.01]
+    )
+    plain = motion.retime(q, LIMITS, pace=[0.5, 1, 1, 1, 1])
+    assert float(repeated.duration) == pytest.approx(float(plain.duration), rel=1e-12)
 
 
 def test_paths_beyond_the_limits_of_joints_are_refused_by_sample_and_joint(niryo):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Sized
 from contextlib import AbstractContextManager
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from niryo_jax import interruption
 from niryo_jax.cli.outcome import ExitCode, Failure, as_failure
 from niryo_jax.hardware import NiryoArm, NiryoError
-from niryo_jax.hardware.pick_and_place import Plan, PlannedStep, StepRecord, Vector, execute
+from niryo_jax.hardware.pick_and_place import Plan, PlannedStep, StepRecord, Vector
 from niryo_jax.hardware.plan_clearance import PlanClearance
 from niryo_jax.robot import Robot
 
@@ -20,10 +20,9 @@ def driven(
     host: str,
     robot: Robot,
     tool: str,
-    records: Sequence[StepRecord],
-    on_step: Callable[[StepRecord], None],
+    records: Sized,
     shown: AbstractContextManager[object],
-    pause: float = 0.0,
+    carry_out: Callable[[NiryoArm], object],
     approach: Callable[[Vector], None] = lambda q: None,
 ) -> Failure | None:
     """Carry a plan out; Ctrl-C ends it after the move under way.
@@ -33,10 +32,9 @@ def driven(
         host: of the robot.
         robot: the nominal arm, whose limits are enforced.
         tool: that must be on the arm; it is opened first.
-        records: to which `on_step` adds those of the steps that are done.
-        on_step: called with each record.
+        records: of the steps that are done, to which `carry_out` adds.
         shown: entered while the steps are carried out.
-        pause: seconds between two steps.
+        carry_out: lets the arm do all steps.
         approach: called with the joints (n,) where the arm stands before it is moved, radians;
             raises a NiryoError where it may not go from there to the first step.
 
@@ -51,7 +49,7 @@ def driven(
             approach(planned.turned(arm.joints()))
             arm.release()
             with shown:
-                execute(planned, arm, on_step, pause=pause)
+                carry_out(arm)
     except NiryoError as error:
         return as_failure(error)
     except KeyboardInterrupt:

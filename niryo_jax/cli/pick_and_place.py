@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.table import Table
 
 from niryo_jax.cli.choice import ArmOption, BaseOption, TipOption, load_arm
 from niryo_jax.cli.console import busy, note_rounding, show_lines, show_table, stderr
@@ -15,13 +18,23 @@ from niryo_jax.cli.outcome import ExitCode, Failure, print_json
 from niryo_jax.cli.progress import StepProgress
 from niryo_jax.cli.shapes import CollisionModelOption, MarginOption, TableOption, collision_check
 from niryo_jax.cli.tables import millimetres, plan_table, records_table
+from niryo_jax.cli.timed import (
+    time_plan,
+    timed_document,
+    timed_records_table,
+    timed_table,
+    timed_words,
+    trajectory_document,
+)
 from niryo_jax.collision import CollisionCheck
 from niryo_jax.hardware import NiryoArm, SimulatedNiryo, pyniryo_version
 from niryo_jax.hardware.pick_and_place import (
     OBJECT_START,
     TABLE_2_1,
     Plan,
+    StepRecord,
     Vector,
+    execute,
     plan,
     steps_for,
 )
@@ -33,6 +46,7 @@ from niryo_jax.hardware.plan_clearance import (
 )
 from niryo_jax.robot import Robot
 from niryo_jax.robots import MODELS, NiryoModel
+from niryo_jax.studies import TimedPlan, TimedRecord, check_timed, execute_timed
 
 _TABLE = OBJECT_START[2]
 """The height of the table on which the object stands, metres."""
@@ -45,6 +59,16 @@ def pick_and_place(
         int | None,
         typer.Option(
             min=1, max=100, help="Percent of the largest speed, for all moves (else 70 and 30)."
+        ),
+    ] = None,
+    timed: Annotated[
+        bool,
+        typer.Option("--timed", help="As one timed trajectory, at rest where the gripper acts."),
+    ] = False,
+    dwell: Annotated[
+        float | None,
+        typer.Option(
+            min=0, help="Seconds that the arm rests at each grip of a --timed plan (else 1)."
         ),
     ] = None,
     tool: Annotated[str, typer.Option(help="The tool that must be on the arm.")] = "gripper_1",
@@ -69,7 +93,13 @@ def pick_and_place(
     Without --host a simulated robot does it, driven by pyniryo over the robot's own protocol. A Ned
     or a Ned2 starts from its own pose at rest. Before anything is sent it is checked that the arm,
     with its tool, hits neither itself nor the table, on which the object stands: at 0 unless given.
+
+    With --timed the steps are one trajectory within the speeds and accelerations of the joints.
     """
+    if dwell is not None and not timed:
+        raise typer.BadParameter("--dwell goes with --timed")
+    if dwell is not None and not math.isfinite(dwell):
+        raise typer.BadParameter(f"--dwell: expected a finite number of seconds, got {dwell:g}")
     if time_scale is not None and (host is not None or dry_run):
         raise typer.BadParameter("--time-scale is for the simulated robot, when it moves")
     arm = load_arm(robot, base, tip)
@@ -78,6 +108,10 @@ def pick_and_place(
         raise typer.BadParameter(
             f"--robot: {robot!r} is no Niryo arm ({', '.join(MODELS)}), which alone can be driven; "
             "--dry-run solves and shows the plan of any arm"
+        )
+    if model is None and timed:
+        raise typer.BadParameter(
+            f"--timed: accelerations are known of {', '.join(MODELS)} alone, not of {robot!r}"
         )
     if model is not None and tool not in model.tools:
         known = ", ".join(model.tools)
@@ -92,26 +126,23 @@ def pick_and_place(
                 pass
     with busy("Solving the five poses in one batch"):
         planned = plan(arm, TABLE_2_1 if model is None else steps_for(arm), percent=speed)
-    clearance = None if check is None else _looked_at(planned, check)
+    in_time = time_plan(planned, dwell) if timed else None
+    clearance = None if check is None else _looked_at(planned, in_time, check)
+    task = Task(planned, in_time, tool, check, clearance, keep_time=(time_scale or 1.0) <= 1.0)
     note_rounding(max(step.pose_distance or 0.0 for step in planned.steps))
     if dry_run:
-        if as_json:
-            print_json(plan_document(planned) | {"clearance": clearance_document(clearance)})
-        else:
-            show_table(plan_table(planned))
-            if clearance is not None:
-                show_lines(clearance_words(clearance, planned))
+        _show_plan(task, as_json)
     elif host is not None:
         stderr().print(
             f"Driving the {robot} at {host}: it is calibrated if it asks for that, opens "
             f"{tool} and carries out ten steps; Ctrl-C ends after the move under way."
         )
-        _run(planned, host, tool, None, as_json, check, clearance)
+        _run(task, host, None, as_json)
     elif model is not None:
         with SimulatedNiryo(model, time_scale=time_scale or 1.0, tool=tool) as simulated:
             simulated.place_object(OBJECT_START)
             stderr().print(f"Driving a simulated {robot} at {simulated.address}")
-            _run(planned, simulated.address, tool, simulated, as_json, check, clearance)
+            _run(task, simulated.address, simulated, as_json)
 
 
 def _check(
@@ -152,52 +183,114 @@ def _check(
     return collision_check(arm, True, height, margin, file, on_niryo, base, tip)
 
 
-def _looked_at(planned: Plan, check: CollisionCheck) -> PlanClearance:
+def _looked_at(planned: Plan, timed: TimedPlan | None, check: CollisionCheck) -> PlanClearance:
     """How clear the plan is, which is refused where it collides."""
     try:
         with busy("Looking along the ways of the plan"):
-            return check_plan(planned, check)
+            return check_plan(planned, check) if timed is None else check_timed(timed, check)
     except StepCollides as error:
-        found = {"step": error.step, "pair": list(error.pair), "distance_m": error.distance}
-        document = plan_document(planned) | {"collision": found}
-        raise Failure(str(error), ExitCode.COLLISION, document) from error
+        found: dict[str, object] = {
+            "step": error.step,
+            "pair": list(error.pair),
+            "distance_m": error.distance,
+        }
+        document = plan_document(planned)
+        if timed is not None:
+            found["time_s"] = error.time
+            document = timed_document(timed)
+        raise Failure(str(error), ExitCode.COLLISION, document | {"collision": found}) from error
 
 
-def _run(
-    planned: Plan,
-    host: str,
-    tool: str,
-    simulated: SimulatedNiryo | None,
-    as_json: bool,
-    check: CollisionCheck | None,
-    clearance: PlanClearance | None,
-) -> None:
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """What is to be done, and what is known of it before.
+
+    Attributes:
+        planned: the steps.
+        timed: them as one trajectory, if that is asked for.
+        tool: that must be on the arm.
+        check, clearance: what the arm has to stay clear of, and how clear it is; None where that
+            is not looked at.
+        keep_time: whether the arm waits for the times of a trajectory.
+    """
+
+    planned: Plan
+    timed: TimedPlan | None
+    tool: str
+    check: CollisionCheck | None
+    clearance: PlanClearance | None
+    keep_time: bool
+
+    def approach(self, q: Vector) -> None:
+        """Refuse the way from joints (n,) to the first step where it collides."""
+        if self.check is not None:
+            check_approach(self.planned, self.check, q)
+
+
+def _show_plan(task: Task, as_json: bool) -> None:
+    planned, timed = task.planned, task.timed
+    if as_json:
+        if timed is None:
+            document = plan_document(planned)
+        else:
+            document = timed_document(timed) | trajectory_document(timed)
+        print_json(document | {"clearance": clearance_document(task.clearance)})
+        return
+    show_table(plan_table(planned) if timed is None else timed_table(timed))
+    if timed is not None:
+        show_lines(timed_words(timed))
+    if task.clearance is not None:
+        show_lines(clearance_words(task.clearance, planned))
+
+
+def _run(task: Task, host: str, simulated: SimulatedNiryo | None, as_json: bool) -> None:
     """Execute the plan and show what became of it, also where it ends early."""
-    progress = StepProgress(planned, simulated)
-
-    def approach(q: Vector) -> None:
-        if check is not None:
-            check_approach(planned, check, q)
-
-    failure = driven(
-        planned,
-        host,
-        planned.robot,
-        tool,
-        progress.records,
-        progress.advance,
-        progress,
-        approach=approach,
-    )
-    document = plan_document(planned, host, progress.records)
-    document["clearance"] = clearance_document(clearance)
+    if task.timed is None:
+        document, shown, failure = _in_steps(task, host, simulated)
+    else:
+        document, shown, failure = _in_time(task, task.timed, host, simulated)
+    document["clearance"] = clearance_document(task.clearance)
     position = None if simulated is None else simulated.object_position
     document["object_position_m"] = None if position is None else position.tolist()
-    if not as_json and progress.records:
-        show_table(records_table(progress.records))
+    if not as_json and shown is not None:
+        show_table(shown)
         if position is not None:
             show_lines(f"The object is at ({millimetres(position)}) mm.")
     if failure is not None:
         raise Failure(str(failure), failure.code, document)
     if as_json:
         print_json(document)
+
+
+_Outcome = tuple[dict[str, object], Table | None, Failure | None]
+"""A document, a table of the steps that were done, and why not all were."""
+
+
+def _in_steps(task: Task, host: str, simulated: SimulatedNiryo | None) -> _Outcome:
+    planned = task.planned
+    progress = StepProgress[StepRecord](planned, simulated)
+
+    def carry_out(arm: NiryoArm) -> None:
+        execute(planned, arm, progress.advance)
+
+    done = progress.records
+    failure = driven(
+        planned, host, planned.robot, task.tool, done, progress, carry_out, task.approach
+    )
+    shown = records_table(done) if done else None
+    return plan_document(planned, host, done), shown, failure
+
+
+def _in_time(task: Task, timed: TimedPlan, host: str, simulated: SimulatedNiryo | None) -> _Outcome:
+    planned = task.planned
+    progress = StepProgress[TimedRecord](planned, simulated)
+
+    def carry_out(arm: NiryoArm) -> None:
+        execute_timed(timed, arm, progress.advance, keep_time=task.keep_time)
+
+    done = progress.records
+    failure = driven(
+        planned, host, planned.robot, task.tool, done, progress, carry_out, task.approach
+    )
+    shown = timed_records_table(done) if done else None
+    return timed_document(timed, host, done), shown, failure

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import TracebackType
+from typing import Generic, TypeVar
 
 from rich.console import Group
 from rich.live import Live
@@ -12,10 +13,12 @@ from rich.text import Text
 from niryo_jax.cli.console import stderr
 from niryo_jax.cli.tables import millimetres
 from niryo_jax.hardware import SimulatedNiryo
-from niryo_jax.hardware.pick_and_place import Plan, StepRecord
+from niryo_jax.hardware.pick_and_place import Plan
+
+Record = TypeVar("Record")
 
 
-class StepProgress:
+class StepProgress(Generic[Record]):
     """A line for each step done, and on a terminal a moving one for the step under way.
 
     Args:
@@ -27,7 +30,7 @@ class StepProgress:
     """
 
     def __init__(self, plan: Plan, simulated: SimulatedNiryo | None) -> None:
-        self.records: list[StepRecord] = []
+        self.records: list[Record] = []
         self._titles = [planned.step.title for planned in plan.steps]
         self._simulated = simulated
         self._console = stderr()
@@ -39,13 +42,13 @@ class StepProgress:
             refresh_per_second=12,
         )
 
-    def advance(self, record: StepRecord) -> None:
+    def advance(self, record: Record) -> None:
         """Note that a step is done."""
         self.records.append(record)
         if not self._console.is_terminal:
             self._console.print(self._line(len(self.records)))
 
-    def __enter__(self) -> StepProgress:
+    def __enter__(self) -> StepProgress[Record]:
         if self._console.is_terminal:
             self._live.start()
         return self

@@ -15,8 +15,8 @@ from niryo_jax.cli.driving import driven, plan_document
 from niryo_jax.cli.options import DryRunOption, HostOption, JsonOption
 from niryo_jax.cli.outcome import Failure, print_json
 from niryo_jax.cli.tables import new_table, plan_table
-from niryo_jax.hardware import pyniryo_version
-from niryo_jax.hardware.pick_and_place import Plan, StepRecord, plan
+from niryo_jax.hardware import NiryoArm, pyniryo_version
+from niryo_jax.hardware.pick_and_place import Plan, StepRecord, execute, plan
 from niryo_jax.hardware.stacking import PAUSE, TOOL, Layout, Placed, steps_for
 from niryo_jax.robot import Robot
 from niryo_jax.robots import MODELS
@@ -94,7 +94,10 @@ def _drive(planned: Plan, host: str, robot: Robot, as_json: bool) -> None:
         if step.action != "move":
             stderr().print(f"{len(records):4d}/{len(planned.steps)}  {step.title}")
 
-    failure = driven(planned, host, robot, TOOL, records, note, nullcontext(), PAUSE)
+    def carry_out(arm: NiryoArm) -> None:
+        execute(planned, arm, note, pause=PAUSE)
+
+    failure = driven(planned, host, robot, TOOL, records, nullcontext(), carry_out)
     document = plan_document(planned, host, records)
     if failure is not None:
         raise Failure(str(failure), failure.code, document)

@@ -86,7 +86,7 @@ def plan_table(plan: Plan) -> Table:
         table.add_row(
             str(number),
             planned.step.title,
-            _target(planned),
+            target(planned),
             angles(planned.joints, degrees=True, width=7),
             _error(planned.position_error),
             f"{planned.step.percent} %" if planned.step.action == "move" else "",
@@ -107,7 +107,7 @@ def records_table(records: Sequence[StepRecord]) -> Table:
         table.add_row(
             str(number),
             planned.step.title,
-            _target(planned),
+            target(planned),
             f"{sent}\n{angles(record.reached, degrees=True, width=7)}".strip("\n"),
             _error(record.position_error),
             f"{record.seconds:.2f}",
@@ -131,7 +131,8 @@ def _steps_table(title: str) -> Table:
     return table
 
 
-def _target(planned: PlannedStep) -> str:
+def target(planned: PlannedStep) -> str:
+    """Where a step brings the tool, millimetres; nothing of a step that is no move."""
     return "" if planned.step.pose is None else millimetres(planned.step.pose[:3, 3], decimals=0)
 
 

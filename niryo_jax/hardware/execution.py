@@ -28,6 +28,9 @@ MOST_STOPS = 400
 # its origin and at a finger's length from it.
 _STRAIGHT, _FINGER = 1e-3, 0.1
 
+# Samples are looked at in multiples of so many, so that programs are few.
+_ROWS = 256
+
 # What rounding may add to a speed that is at its limit.
 _SPEED_ROUNDING = 1e-6
 
@@ -198,7 +201,8 @@ def _check_speed(targets: JointTargets, time: Vector, q: Vector) -> None:
 
 def _tool_points(robot: Robot, q: Vector) -> Vector:
     """(k, 3, 3) the tool's origin, and points a finger's length along two of its axes."""
-    pose = np.asarray(forward_kinematics(robot, q), dtype=np.float64)
+    padded = np.pad(q, ((0, -len(q) % _ROWS), (0, 0)), mode="edge")
+    pose = np.asarray(forward_kinematics(robot, padded), dtype=np.float64)[: len(q)]
     arms = np.stack([np.zeros((3, 1)), *(_FINGER * np.eye(3)[:, [i]] for i in (0, 1))])
     return pose[:, None, :3, 3] + (pose[:, None, :3, :3] @ arms)[..., 0]
 

@@ -35,13 +35,22 @@ class StepCollides(NiryoError):
         step: its number, from 1; 1 too where the way there from where the arm stands collides.
         pair: the names of the two that come nearest.
         distance: metres between them; negative where they penetrate.
+        time: seconds from the start of a timed trajectory; None of a plan without times.
     """
 
-    def __init__(self, message: str, step: int, pair: tuple[str, str], distance: float) -> None:
+    def __init__(
+        self,
+        message: str,
+        step: int,
+        pair: tuple[str, str],
+        distance: float,
+        time: float | None = None,
+    ) -> None:
         super().__init__(message)
         self.step = step
         self.pair = pair
         self.distance = distance
+        self.time = time
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,7 +95,7 @@ def check_plan(
     """
     stops = [planned.joints for planned in plan.steps]
     first = stops[0] if q_start is None else np.asarray(q_start, np.float64)
-    ways = [_way(*ends) for ends in itertools.pairwise([first, *stops])]
+    ways = [straight_way(*ends) for ends in itertools.pairwise([first, *stops])]
     found = jax.device_get(check.distances(plan.robot, np.concatenate(ways)))
     if not found.pairs:
         nothing = np.full(len(ways), np.inf)
@@ -98,8 +107,8 @@ def check_plan(
         clearance[number], pair = least[at], found.nearest_pair(at)
         pairs.append(pair)
         if not least[at] > check.margin:
-            share = (at - start) / max(end - start - 1, 1)
-            raise _refusal(plan, check, number, pair, float(least[at]), share)
+            where = f"{100 * (at - start) / max(end - start - 1, 1):.0f} % of the way"
+            raise refusal(plan, check, number, pair, float(least[at]), where)
     return PlanClearance(clearance, tuple(pairs), len(least))
 
 
@@ -116,20 +125,22 @@ def check_approach(plan: Plan, check: CollisionCheck, q: ArrayLike) -> None:
     check_plan(dataclasses.replace(plan, steps=plan.steps[:1]), check, q)
 
 
-def _way(start: Vector, end: Vector) -> Vector:
+def straight_way(start: Vector, end: Vector) -> Vector:
     """(k, n) joint vectors along the straight way, both ends included."""
     count = 1 + int(np.ceil(np.sum(np.abs(end - start)) / SPACING))
     return start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
 
 
-def _refusal(
+def refusal(
     plan: Plan,
     check: CollisionCheck,
     number: int,
     pair: tuple[str, str],
     distance: float,
-    share: float,
+    where: str,
+    time: float | None = None,
 ) -> StepCollides:
+    """The error of a step, by its index, that comes too near: so much, `where` on its way."""
     title = plan.steps[number].step.title
     if distance < 0:
         how = f"penetrate by {-1e3 * distance:.1f} mm"
@@ -137,8 +148,9 @@ def _refusal(
         how = f"come as near as {1e3 * distance:.1f} mm (margin {1e3 * check.margin:.1f} mm)"
     return StepCollides(
         f"step {number + 1} ({title}) of {plan.robot.name}: {pair[0]} and {pair[1]} {how}, "
-        f"{100 * share:.0f} % of the way; nothing of it was sent",
+        f"{where}; nothing of it was sent",
         number + 1,
         pair,
         distance,
+        time,
     )

@@ -18,6 +18,7 @@ from niryo_jax.motion.best_path import BestPath
 from niryo_jax.motion.extremes import largest
 from niryo_jax.motion.fastest import CHECKED, squared_rates
 from niryo_jax.motion.limits import CartesianLimits, MotionLimits, as_arrays, check_limits_of
+from niryo_jax.motion.pace import as_pace, pace_at
 from niryo_jax.motion.path_checks import as_samples, check_arm, check_between, check_samples
 from niryo_jax.motion.spline import Place, Spline, nodes_of, norm, place_at, root, spline_through
 from niryo_jax.motion.time_scaling import quintic
@@ -43,6 +44,7 @@ def retime(
     *,
     robot: Robot | None = None,
     cartesian: CartesianLimits | None = None,
+    pace: ArrayLike | None = None,
     method: Method = "fastest",
     intervals: int | None = None,
 ) -> TimedPath:
@@ -60,6 +62,8 @@ def retime(
         limits: of the joints. Jerk is bounded by the method "quintic" alone.
         robot: the arm; with it, a path that leaves its joint limits is refused.
         cartesian: limits of the tool, which need the arm.
+        pace: (..., k - 1) the shares of all velocities, 0 to 1, that are allowed from each sample
+            to the next, as `limits.scaled(share)` does along the whole path; 1 where not given.
         method: "fastest": time-optimal, with accelerations that jump (`motion.fastest`). "quintic":
             `quintic_time_scaling` along the whole path, in the shortest time that the limits allow:
             smooth, and longer.
@@ -72,7 +76,7 @@ def retime(
     Raises:
         ValueError: wrong shapes, numbers that are not finite, a path that leaves the joint limits
             of the arm, or that `best_path` did not finish; limits of another number of joints,
-            of the tool without an arm; an unknown method.
+            of the tool without an arm; a pace that is not in (0, 1]; an unknown method.
         TypeError: no arrays of numbers, no limits, no arm.
     """
     q = as_samples(path)
@@ -88,12 +92,18 @@ def retime(
     if robot is not None:
         check_samples(robot, q)
     batch = q.shape[:-2]
+    allowed = None if pace is None else as_pace(pace, q)
     block = min(paths, at_once(_ON_A_CORE, _ON_ACCELERATOR)) if is_concrete(q) else paths
     # Few programs: as many samples as a power of two, the last of them repeated, and full blocks.
     size = max(2, 1 << (count - 1).bit_length())
     last = jnp.broadcast_to(q[..., -1:, :], (*batch, size - count, n))
     rows = jnp.concatenate([q, last], axis=-2)
-    rows = padded_rows(rows, len(batch), -(-paths // max(block, 1)) * block, mode="edge")
+    whole = -(-paths // max(block, 1)) * block
+    rows = padded_rows(rows, len(batch), whole, mode="edge")
+    if allowed is not None:
+        ones = jnp.ones((*batch, size - count), q.dtype)
+        allowed = jnp.concatenate([allowed, ones], axis=-1)
+        allowed = padded_rows(allowed, len(batch), whole, mode="edge")
     timed: list[TimedPath] = []
     for first in range(0, max(len(rows), 1), max(block, 1)):
         spline = spline_through(rows[first : first + block])
@@ -102,6 +112,10 @@ def retime(
         if robot is not None:
             check_between(robot, rows[first : first + block], s, place.q, first, batch)
         fastest = _most_rate(limits, cartesian, place, _tool_rates(robot, cartesian, place))
+        if allowed is not None:
+            fastest = fastest * pace_at(
+                rows[first : first + block], allowed[first : first + block], s
+            )
         core = _fast if method == "fastest" else _smooth
         timed.append(core(spline, u, place, limits, fastest))
     return jax.tree.map(lambda *parts: cut_rows(jnp.concatenate(parts), batch), *timed)
