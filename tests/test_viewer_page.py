@@ -234,6 +234,7 @@ def test_a_simulated_robot_picks_and_places(viewer, page):
     page.get_by_text("Done: all 10 steps").wait_for(timeout=PATIENCE)
     thing = viewer.robot.thing.position
     np.testing.assert_allclose(thing[:2], OBJECT_END[:2], atol=0.005)
+    viewer.robot.speed = 0.3  # slow enough to be stopped from a slow page
     page.get_by_role("button", name="Play the pick-and-place").click()
     page.get_by_text(re.compile(r"\d of 10")).wait_for(timeout=PATIENCE)
     page.get_by_role("button", name="Stop").click()
