@@ -168,16 +168,17 @@ def test_places_touched_by_hand_are_read_in_learning_mode():
 
 
 @pytest.mark.filterwarnings("ignore:pyniryo .* is made for:UserWarning")
-def test_over_20_seeds_calibration_brings_every_block_into_its_cell():
+@pytest.mark.parametrize("seeds", [6, pytest.param(20, marks=pytest.mark.completeness)])
+def test_calibration_brings_every_block_into_its_cell(seeds):
     pytest.importorskip("pyniryo")
     from niryo_jax.studies import block_stacking
 
-    studies = [block_stacking(seed) for seed in range(20)]
+    studies = [block_stacking(seed) for seed in range(seeds)]
     before, after = (
         np.array([[block.inside for block in getattr(study, when)] for study in studies])
         for when in ("before", "after")
     )
-    assert np.all(before, axis=1).sum() <= 3
+    assert np.all(before, axis=1).sum() <= 3 * seeds / 20
     assert np.all(after)
     for study in studies:
         wear, found = study.wear, study.calibration

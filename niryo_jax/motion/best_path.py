@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -259,15 +260,8 @@ class _Ladder(NamedTuple):
 
     def _strays(self, way: Way) -> np.ndarray:
         """(paths, k - 1) on which steps the tool strays, of those that are taken."""
-        q = way.q
-        change = without_whole_turns(q[:, 1:] - q[:, :-1], self.turns.periodic)
-        middle = forward_kinematics(self.robot, q[:, :-1] + 0.5 * change)
-        before, after = (forward_kinematics(self.robot, x) for x in (q[:, :-1], q[:, 1:]))
-        between = _apart(before, after)
-        # Twice the distance from either end to the middle is the whole way, unless it is no way.
-        off = jnp.maximum(_apart(before, middle), _apart(middle, after)) - 0.5 * between
-        taken = jnp.arange(1, q.shape[1]) < way.reached[:, None]
-        return np.asarray(taken & (off > _STRAY * between + _REST))
+        at = forward_kinematics(self.robot, _with_middles(way.q, self.turns.periodic))
+        return np.asarray(_are_astray(at, way.reached))
 
     def message(self, way: Way, q: np.ndarray, largest_step: float) -> str:
         """What became of a single path."""
@@ -308,6 +302,25 @@ class _Ladder(NamedTuple):
             return too_far(self.robot, change[nearest], at, largest_step)
         beyond = beyond_limits(self.robot, before + change[nearest])
         return beyond or "the arm would collide, or take another branch between the samples."
+
+
+@functools.partial(jax.jit, static_argnums=1)
+def _with_middles(q: jax.Array, periodic: tuple[bool, ...]) -> jax.Array:
+    """(paths, 2 k - 1, n) the joint vectors of paths, and behind them those half-way between."""
+    change = without_whole_turns(q[:, 1:] - q[:, :-1], periodic)
+    return jnp.concatenate([q, q[:, :-1] + 0.5 * change], axis=1)
+
+
+@jax.jit
+def _are_astray(at: jax.Array, reached: jax.Array) -> jax.Array:
+    """(paths, k - 1) of steps, from the poses of `_with_middles` and how many samples are done."""
+    count = (at.shape[1] + 1) // 2
+    before, after, middle = at[:, : count - 1], at[:, 1:count], at[:, count:]
+    between = _apart(before, after)
+    # Twice the distance from either end to the middle is the whole way, unless it is no way.
+    off = jnp.maximum(_apart(before, middle), _apart(middle, after)) - 0.5 * between
+    taken = jnp.arange(1, count) < reached[:, None]
+    return taken & (off > _STRAY * between + _REST)
 
 
 def _apart(a: jax.Array, b: jax.Array) -> jax.Array:
