@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +22,7 @@ from niryo_jax.tolerances import LIMIT_ROUNDING
 
 _TURN = 2 * math.pi
 _MOST_COPIES = 1024
+_FEW = 16
 _Arrays = tuple[jax.Array, ...]
 
 
@@ -149,37 +150,29 @@ def _cheapest(rungs: Rungs, prices: Prices, turns: Turns) -> Way:
     offsets = _TURN * jnp.asarray(turns.digits, dtype)
     offsets = jnp.where(np.array(turns.periodic), offsets, 0.0)
     copies = len(offsets)
-    slack = LIMIT_ROUNDING.of(dtype)
+    standing = _standing(rungs, offsets, prices)
 
-    def standing(q: jax.Array, usable: jax.Array, price: jax.Array) -> jax.Array:
-        """(m, copies) what it costs to stand there."""
-        each = q[:, None] + offsets
-        inside = (each >= prices.lower - slack) & (each <= prices.upper + slack)
-        half = 0.5 * (prices.upper - prices.lower)
-        bounded = jnp.isfinite(half) & (half > 0)
-        off = (each - 0.5 * (prices.upper + prices.lower)) / jnp.where(bounded, half, 1.0)
-        off = jnp.sum(jnp.where(bounded, off * off, 0.0), axis=-1)
-        total = price[:, None] + jnp.where(prices.limits > 0, prices.limits * off, 0.0)
-        return jnp.where(jnp.all(inside, axis=-1) & usable[:, None], total, jnp.inf)
-
-    def step(
-        value: jax.Array, rung: tuple[jax.Array, ...]
-    ) -> tuple[jax.Array, tuple[jax.Array, ...]]:
-        before, q, usable, price, barred = rung
-        length, from_copy = _steps(before, q, prices, turns)
+    def step(value: jax.Array, rung: tuple[Any, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        before, q, stands, barred, length = rung
+        length = _lengths(before, q, prices, turns) if length is None else length
         length = jnp.where(barred, jnp.inf, length)
         if copies == 1:
-            total = (length + jnp.where(from_copy[..., 0] < 0, jnp.inf, value[:, 0]))[..., None]
+            total, source = (length + value[:, 0])[..., None], None
         else:
-            begin = jnp.take_along_axis(value[None], jnp.maximum(from_copy, 0), axis=-1)
-            total = length[..., None] + jnp.where(from_copy < 0, jnp.inf, begin)
-        source = jnp.argmin(total, axis=1)
-        least = jnp.min(total, axis=1) + standing(q, usable, price)
-        copy = jnp.take_along_axis(from_copy, source[:, None], axis=1)[:, 0]
-        return least, (least, source.astype(jnp.int32), copy)
+            source = _sources(before, q, turns)
+            begin = jnp.take_along_axis(value[None], jnp.maximum(source, 0), axis=-1)
+            total = length[..., None] + jnp.where(source < 0, jnp.inf, begin)
+        place = jnp.argmin(total, axis=1)
+        least = jnp.min(total, axis=1) + stands
+        copy = jnp.zeros_like(place)
+        if source is not None:
+            copy = jnp.take_along_axis(source, place[:, None], axis=1)[:, 0]
+        return least, (least, place.astype(jnp.int32), copy.astype(jnp.int32))
 
-    first = rungs.first + standing(q[0], rungs.usable[0], rungs.price[0])
-    parts = q[:-1], q[1:], rungs.usable[1:], rungs.price[1:], rungs.barred
+    first = rungs.first + standing[0]
+    # One loop over all steps is faster than many short ones, as long as it fits into the memory.
+    lengths = _lengths(q[:-1], q[1:], prices, turns) if q.shape[1] <= _FEW else None
+    parts = q[:-1], q[1:], standing[1:], rungs.barred, lengths
     _, (values, sources, from_copies) = jax.lax.scan(step, first, parts)
     values = jnp.concatenate([first[None], values])
     alive = jnp.any(jnp.isfinite(values), axis=(1, 2))
@@ -207,27 +200,54 @@ def _cheapest(rungs: Rungs, prices: Prices, turns: Turns) -> Way:
     return Way(chosen, place, reached, jnp.where(reached == count, cost, jnp.inf))
 
 
-def _steps(
-    before: jax.Array, after: jax.Array, prices: Prices, turns: Turns
-) -> tuple[jax.Array, jax.Array]:
-    """(m, m) the price of each step, by where it ends and where it begins, infinite where a joint
-    moves too far; and (m, m, copies) the copy that a copy comes from, -1 where it has none."""
-    shape = len(after), len(before)
-    total, farthest = jnp.zeros(shape, after.dtype), jnp.zeros(shape, after.dtype)
-    digits, strides = turns.digits, turns.strides
-    number = jnp.zeros((*shape, len(digits)), jnp.int32)
-    outside = jnp.zeros((*shape, len(digits)), bool)
+def _standing(rungs: Rungs, offsets: jax.Array, prices: Prices) -> jax.Array:
+    """(k, m, copies) what it costs to stand at the copies, whose offsets are (copies, n); infinite
+    outside the limits."""
+    dtype, slack = rungs.q.dtype, LIMIT_ROUNDING.of(rungs.q.dtype)
+    inside, off = jnp.ones((), bool), jnp.zeros((), dtype)
+    q = jnp.moveaxis(rungs.q, -1, 0)
+    for each, more, lower, upper in zip(q, offsets.T, prices.lower, prices.upper):
+        each = each[..., None] + more
+        inside = inside & (each >= lower - slack) & (each <= upper + slack)
+        half = 0.5 * (upper - lower)
+        bounded = jnp.isfinite(half) & (half > 0)
+        share = (each - 0.5 * (upper + lower)) / jnp.where(bounded, half, 1.0)
+        off = off + jnp.where(bounded, share * share, 0.0)
+    total = rungs.price[..., None] + jnp.where(prices.limits > 0, prices.limits * off, 0.0)
+    return jnp.where(inside & rungs.usable[..., None], total, jnp.inf)
+
+
+def _lengths(before: jax.Array, after: jax.Array, prices: Prices, turns: Turns) -> jax.Array:
+    """(..., m, m) the price of each step between rungs (..., m, n), by where it ends and where it
+    begins; infinite where a joint moves too far."""
+    total, farthest = jnp.zeros((), after.dtype), jnp.zeros((), after.dtype)
+    before, after = (jnp.moveaxis(q, -1, 0) for q in (before, after))
     for joint, (count, periodic) in enumerate(zip(turns.copies, turns.periodic)):
-        away = after[:, None, joint] - before[None, :, joint]
-        if periodic:
-            whole = jnp.round(away / _TURN)
-            away = away - _TURN * whole
-            if count:
-                digit = digits[:, joint] + whole.astype(jnp.int32)[..., None]
-                outside = outside | (digit < 0) | (digit >= count)
-                number = number + int(strides[joint]) * digit
+        away = after[joint][..., :, None] - before[joint][..., None, :]
+        if periodic and count != 1:
+            away = away - _TURN * _turns_of(away)
         total = total + prices.travel[joint] * (away * away)
         farthest = jnp.maximum(farthest, jnp.abs(away))
     slack = LIMIT_ROUNDING.of(after.dtype)
-    total = jnp.where(farthest <= prices.largest_step + slack, total, jnp.inf)
-    return total, jnp.where(outside, -1, number)
+    return jnp.where(farthest <= prices.largest_step + slack, total, jnp.inf)
+
+
+def _sources(before: jax.Array, after: jax.Array, turns: Turns) -> jax.Array:
+    """(m, m, copies) the copy that each copy comes from, by where a step ends and where it begins;
+    -1 where there is none."""
+    digits, strides = turns.digits, turns.strides
+    shape = len(after), len(before), len(digits)
+    number, outside = jnp.zeros(shape, jnp.int32), jnp.zeros(shape, bool)
+    for joint, (count, periodic) in enumerate(zip(turns.copies, turns.periodic)):
+        # A joint with one copy does not wrap: a turn is farther than any step.
+        if periodic and count > 1:
+            whole = _turns_of(after[:, None, joint] - before[None, :, joint])
+            digit = digits[:, joint] + whole.astype(jnp.int32)[..., None]
+            outside = outside | (digit < 0) | (digit >= count)
+            number = number + int(strides[joint]) * digit
+    return jnp.where(outside, -1, number)
+
+
+def _turns_of(angle: jax.Array) -> jax.Array:
+    """The nearest number of whole turns."""
+    return jnp.floor(angle / _TURN + 0.5)
