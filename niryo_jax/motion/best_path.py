@@ -401,4 +401,4 @@ def _obstacles(
 def _prices(robot: Robot, cost: PathCost, largest_step: float, dtype: Any) -> Prices:
     travel = np.broadcast_to(np.asarray(cost.travel, float), (robot.joints,))
     numbers = travel, cost.limits, largest_step, robot.lower, robot.upper
-    return Prices(*(jnp.asarray(x, dtype) for x in numbers))
+    return Prices(*(np.asarray(x, dtype) for x in numbers))

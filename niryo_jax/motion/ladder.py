@@ -106,11 +106,11 @@ class Prices(NamedTuple):
         lower, upper: (n,) the limits.
     """
 
-    travel: jax.Array
-    limits: jax.Array
-    largest_step: jax.Array
-    lower: jax.Array
-    upper: jax.Array
+    travel: jax.Array | np.ndarray
+    limits: jax.Array | np.ndarray
+    largest_step: jax.Array | np.ndarray
+    lower: jax.Array | np.ndarray
+    upper: jax.Array | np.ndarray
 
 
 class Way(NamedTuple):
@@ -130,7 +130,7 @@ class Way(NamedTuple):
 
 
 @functools.partial(jax.jit, static_argnames=("turns",))
-def lowest_copies(q: jax.Array, lower: jax.Array, turns: Turns) -> jax.Array:
+def lowest_copies(q: jax.Array, lower: jax.Array | np.ndarray, turns: Turns) -> jax.Array:
     """Joint vectors (..., n), each joint at the lowest angle not below its limit."""
     slack = LIMIT_ROUNDING.of(q.dtype)
     wraps = np.array(turns.copies) * np.array(turns.periodic) > 0

@@ -88,23 +88,22 @@ def candidates(
         values: how many turns of the tool, or ways to spend a joint, are looked at.
     """
     paths, count = poses.shape[:2]
-    rows = poses.reshape(-1, 4, 4)
-    rolled = rows[:, None] if tool_axis is None else _rolled(rows, tool_axis, values)
-    each = rolled.reshape(-1, 4, 4)
-    if robot.spare is None:
-        answer = inverse_kinematics(robot, each)
-        if tool_axis is None:
-            answer = _through_self_motions(robot, each, answer, count)
-        else:
-            answer = answer.map(lambda x: x.reshape(len(rows), -1, *x.shape[1:]))
+    if robot.spare is None and tool_axis is None:
+        solutions = _through_self_motions(robot, poses, inverse_kinematics(robot, poses))
     else:
-        answer = spread_sets(robot, each, values)
-        answer = answer.map(lambda x: x.reshape(len(rows), -1, *x.shape[2:]))
-    solutions = answer.map(lambda x: x.reshape(paths, count, *x.shape[1:]))
-    q = answer.q.reshape(paths, count, -1, robot.joints)
-    possible = answer.within_limits.reshape(paths, count, -1)
+        rolled = poses[:, :, None] if tool_axis is None else _rolled(poses, tool_axis, values)
+        each = rolled.reshape(-1, 4, 4)
+        if robot.spare is None:
+            answer = inverse_kinematics(robot, each)
+            solutions = answer.map(lambda x: x.reshape(paths, count, -1, *x.shape[1:]))
+        else:
+            answer = spread_sets(robot, each, values)
+            solutions = answer.map(lambda x: x.reshape(paths, count, -1, *x.shape[2:]))
+    is_sorted = solutions.status.ndim == 2
+    q = solutions.q.reshape(paths, count, -1, robot.joints)
+    possible = solutions.within_limits.reshape(paths, count, -1)
     # Those within the limits come first in an answer, but not in several side by side.
-    q, possible = _first_of(q, possible, is_sorted=answer.status.ndim == 1)
+    q, possible = _first_of(q, possible, is_sorted)
     clear, price = jnp.ones_like(possible), jnp.zeros(possible.shape, q.dtype)
     if obstacles is not None:
         apart = collision.clearance(robot, obstacles.model, q, obstacles.world)
@@ -133,31 +132,28 @@ def _as_many(count: int) -> int:
 
 
 def _rolled(poses: jax.Array, axis: np.ndarray, values: int) -> jax.Array:
-    """(m, values, 4, 4) poses turned about an axis of the tool."""
+    """(..., values, 4, 4) poses turned about an axis of the tool."""
     angle = 2 * np.pi * np.arange(values) / values
     turn = so3.exp(jnp.asarray(angle[:, None] * axis, poses.dtype))
-    rotation = poses[:, None, :3, :3] @ turn
-    return (
-        jnp.broadcast_to(poses[:, None], (len(poses), values, 4, 4)).at[..., :3, :3].set(rotation)
-    )
+    rotation = poses[..., None, :3, :3] @ turn
+    many = jnp.broadcast_to(poses[..., None, :, :], (*poses.shape[:-2], values, 4, 4))
+    return many.at[..., :3, :3].set(rotation)
 
 
-def _through_self_motions(
-    robot: Robot, poses: jax.Array, answer: IKSolutions, count: int
-) -> IKSolutions:
-    """The answer, with such solutions of self-motions as are near to those of the sample before, of
-    paths of `count` samples: any of infinitely many would do, and most of them are far away."""
+def _through_self_motions(robot: Robot, poses: jax.Array, answer: IKSolutions) -> IKSolutions:
+    """The answer to poses (paths, k, 4, 4), with such solutions of self-motions as are near to
+    those of the sample before: any of infinitely many would do, and most of them are far away."""
     endless = np.asarray(jnp.any(is_endless(answer), axis=-1))
-    for sample in np.nonzero(endless)[0].tolist():
-        begins = sample % count == 0
-        beside = sample + 1 if begins else sample - 1
-        if begins and (count == 1 or endless[beside]):
+    for path, sample in np.argwhere(endless).tolist():
+        beside = sample - 1 if sample else 1
+        if not sample and endless[path, 1]:
             continue
-        known = np.asarray(answer.q[beside])[np.asarray(answer.found[beside])]
-        one = answer.map(operator.itemgetter(sample))
-        wanted = _nearest_to_each(robot, poses[sample], one, known, answer.q.shape[1])
+        known = np.asarray(answer.q[path, beside])[np.asarray(answer.found[path, beside])]
+        one = answer.map(operator.itemgetter((path, sample)))
+        wanted = _nearest_to_each(robot, poses[path, sample], one, known, answer.q.shape[2])
         if wanted is not None:
-            answer = map_solutions(lambda x, y, at=sample: x.at[at].set(y), answer, wanted)
+            at = path, sample
+            answer = map_solutions(lambda x, y, at=at: x.at[at].set(y), answer, wanted)
     return answer
 
 
