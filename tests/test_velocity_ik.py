@@ -451,9 +451,9 @@ CASES = {
 def test_derivatives_equal_finite_differences(rng, name):
     robot, options = CASES[name]
     n = robot.joints
-    q = postures(robot, rng, 60) if n >= 6 else rng.uniform(-2, 2, (60, n))
-    twist = rng.uniform(-0.7, 0.7, (60, 6))
-    dq, dtwist = rng.normal(size=(60, n)), rng.normal(size=(60, 6))
+    q = postures(robot, rng, 40) if n >= 6 else rng.uniform(-2, 2, (40, n))
+    twist = rng.uniform(-0.7, 0.7, (40, 6))
+    dq, dtwist = rng.normal(size=(40, n)), rng.normal(size=(40, 6))
 
     @jax.jit
     def rates(q, twist):
