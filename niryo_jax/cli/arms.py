@@ -6,12 +6,11 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from numpy.typing import ArrayLike
 
 from niryo_jax.cli.choice import ARM, ArmArgument, BaseOption, TipOption, load_arm
 from niryo_jax.cli.console import show_lines, show_table
 from niryo_jax.cli.options import JsonOption
-from niryo_jax.cli.outcome import print_json
+from niryo_jax.cli.outcome import json_number, print_json
 from niryo_jax.cli.tables import new_table
 from niryo_jax.robot import Robot
 from niryo_jax.robots import catalogue
@@ -59,8 +58,8 @@ def describe(
         "robot": chosen.name,
         "joint_names": list(chosen.joint_names),
         "joint_kinds": list(axes.joint_kinds(chosen.known_screws())),
-        "lower_rad": _finite_or_none(chosen.lower),
-        "upper_rad": _finite_or_none(chosen.upper),
+        "lower_rad": [json_number(x) for x in np.asarray(chosen.lower)],
+        "upper_rad": [json_number(x) for x in np.asarray(chosen.upper)],
         "screws": np.asarray(chosen.screws).tolist(),
         "home": np.asarray(chosen.home).tolist(),
         "description": chosen.describe(),
@@ -77,8 +76,3 @@ def _structure(arm: Robot) -> list[str]:
     """The family of an arm and what solves it: its description less joints, axes and tool."""
     lines = [line.strip() for line in arm.describe().splitlines()[1 + arm.joints :]]
     return [line for line in lines if not line.startswith(("axes ", "tool at home"))]
-
-
-def _finite_or_none(limits: ArrayLike) -> list[float | None]:
-    """Limits for JSON, which has no infinity: null where there is none."""
-    return [float(x) if np.isfinite(x) else None for x in np.asarray(limits)]

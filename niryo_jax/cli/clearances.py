@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from niryo_jax.cli.outcome import json_number
 from niryo_jax.collision import CollisionCheck, Distances, Free, FreeStatus
 from niryo_jax.ik import IKSolutions
 from niryo_jax.robot import Robot
@@ -50,9 +51,7 @@ class Looked(NamedTuple):
         }
         slots = np.flatnonzero(self.free.solutions.found)
         for slot, solution in zip(slots, document["solutions"]):
-            # Infinite where there is nothing to look at, which JSON has not.
-            least = float(self.free.clearance[slot])
-            solution["clearance_m"] = least if np.isfinite(least) else None
+            solution["clearance_m"] = json_number(float(self.free.clearance[slot]))
             solution["nearest_pair"] = (
                 list(self.apart.nearest_pair(int(slot))) if self.apart.pairs else None
             )

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager
 import numpy as np
 
 from niryo_jax import interruption
-from niryo_jax.cli.outcome import ExitCode, Failure, as_failure
+from niryo_jax.cli.outcome import ExitCode, Failure, as_failure, json_number
 from niryo_jax.hardware import NiryoArm, NiryoError
 from niryo_jax.hardware.pick_and_place import Plan, PlannedStep, StepRecord, Vector
 from niryo_jax.hardware.plan_clearance import PlanClearance
@@ -102,8 +102,7 @@ def clearance_document(found: PlanClearance | None) -> dict[str, object] | None:
     """How clear a plan is, for a JSON document; None where it was not looked at."""
     if found is None:
         return None
-    # Infinite where there is nothing to look at, which JSON has not.
-    steps = [float(x) if np.isfinite(x) else None for x in found.clearance]
+    steps = [json_number(x) for x in found.clearance]
     return {
         "least_m": steps[found.tightest],
         "step": found.tightest + 1,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Mapping
 
@@ -82,6 +83,11 @@ def as_failure(error: Exception) -> Failure:
                 ExitCode.UNEXPECTED,
             )
     return Failure(str(error), code)
+
+
+def json_number(value: float) -> float | None:
+    """A number for JSON, which has neither infinity nor NaN: null in their place."""
+    return float(value) if math.isfinite(value) else None
 
 
 def print_json(document: Mapping[str, object]) -> None:

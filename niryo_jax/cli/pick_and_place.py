@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
@@ -270,27 +271,28 @@ def _in_steps(task: Task, host: str, simulated: SimulatedNiryo | None) -> _Outco
     planned = task.planned
     progress = StepProgress[StepRecord](planned, simulated)
 
-    def carry_out(arm: NiryoArm) -> None:
-        execute(planned, arm, progress.advance)
-
+    failure = _driven(task, host, progress, lambda arm: execute(planned, arm, progress.advance))
     done = progress.records
-    failure = driven(
-        planned, host, planned.robot, task.tool, done, progress, carry_out, task.approach
-    )
     shown = records_table(done) if done else None
     return plan_document(planned, host, done), shown, failure
 
 
 def _in_time(task: Task, timed: TimedPlan, host: str, simulated: SimulatedNiryo | None) -> _Outcome:
-    planned = task.planned
-    progress = StepProgress[TimedRecord](planned, simulated)
+    progress = StepProgress[TimedRecord](task.planned, simulated)
 
     def carry_out(arm: NiryoArm) -> None:
         execute_timed(timed, arm, progress.advance, keep_time=task.keep_time)
 
+    failure = _driven(task, host, progress, carry_out)
     done = progress.records
-    failure = driven(
-        planned, host, planned.robot, task.tool, done, progress, carry_out, task.approach
-    )
     shown = timed_records_table(done) if done else None
     return timed_document(timed, host, done), shown, failure
+
+
+def _driven(
+    task: Task, host: str, progress: StepProgress[Any], carry_out: Callable[[NiryoArm], object]
+) -> Failure | None:
+    planned, records = task.planned, progress.records
+    return driven(
+        planned, host, planned.robot, task.tool, records, progress, carry_out, task.approach
+    )

@@ -81,24 +81,23 @@ def _room(apart: Distances, slot: int) -> tuple[str, str]:
 
 def plan_table(plan: Plan) -> Table:
     """The steps of a task before it is executed."""
-    table = _steps_table("Plan")
+    table = steps_table("Plan", "joints (deg)", "error\n(mm)", "speed")
     for number, planned in enumerate(plan.steps, start=1):
         table.add_row(
             str(number),
             planned.step.title,
             target(planned),
             angles(planned.joints, degrees=True, width=7),
-            _error(planned.position_error),
+            error_of(planned.position_error),
             f"{planned.step.percent} %" if planned.step.action == "move" else "",
         )
-    table.columns[3].header = "joints (deg)"
-    table.columns[5].header = "speed"
     return table
 
 
 def records_table(records: Sequence[StepRecord]) -> Table:
     """The steps of a task after it was executed."""
-    table = _steps_table("Executed")
+    joints = "joints sent, below read back (deg)"
+    table = steps_table("Executed", joints, "error\n(mm)", "time\n(s)")
     for number, record in enumerate(records, start=1):
         planned = record.planned
         sent = (
@@ -109,7 +108,7 @@ def records_table(records: Sequence[StepRecord]) -> Table:
             planned.step.title,
             target(planned),
             f"{sent}\n{angles(record.reached, degrees=True, width=7)}".strip("\n"),
-            _error(record.position_error),
+            error_of(record.position_error),
             f"{record.seconds:.2f}",
         )
     return table
@@ -120,14 +119,15 @@ def new_table(title: str) -> Table:
     return Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
 
 
-def _steps_table(title: str) -> Table:
+def steps_table(title: str, joints: str, *others: str) -> Table:
+    """An empty table of steps: number, title, target, a column for joints, and other ones."""
     table = new_table(title)
     table.add_column("", justify="right")
     table.add_column("step", max_width=18)
     table.add_column("target (mm)", justify="right", no_wrap=True)
-    table.add_column("joints sent, below read back (deg)", no_wrap=True)
-    table.add_column("error\n(mm)", justify="right", no_wrap=True)
-    table.add_column("time\n(s)", justify="right", no_wrap=True)
+    table.add_column(joints, no_wrap=True)
+    for other in others:
+        table.add_column(other, justify="right", no_wrap=True)
     return table
 
 
@@ -136,5 +136,6 @@ def target(planned: PlannedStep) -> str:
     return "" if planned.step.pose is None else millimetres(planned.step.pose[:3, 3], decimals=0)
 
 
-def _error(metres: float | None) -> str:
+def error_of(metres: float | None) -> str:
+    """An error of a position, millimetres; nothing where there is none."""
     return "" if metres is None else f"{metres * 1e3:.3f}"

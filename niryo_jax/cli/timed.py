@@ -9,7 +9,7 @@ from rich.table import Table
 
 from niryo_jax.cli.console import busy
 from niryo_jax.cli.driving import plan_document
-from niryo_jax.cli.tables import angles, new_table, target
+from niryo_jax.cli.tables import angles, error_of, steps_table, target
 from niryo_jax.hardware.pick_and_place import Plan
 from niryo_jax.studies import TimedPlan, TimedRecord, timed_plan
 
@@ -59,9 +59,8 @@ def timed_words(timed: TimedPlan) -> str:
 
 def timed_table(timed: TimedPlan) -> Table:
     """The steps of a timed plan before it is executed."""
-    table = _steps_table("Plan in time", "joints at the end (deg)")
-    for title in ("way", "speed", "begin\n(s)", "end\n(s)"):
-        table.add_column(title, justify="right", no_wrap=True)
+    columns = "way", "speed", "begin\n(s)", "end\n(s)"
+    table = steps_table("Plan in time", "joints at the end (deg)", *columns)
     for number, (planned, step) in enumerate(zip(timed.plan.steps, timed.steps), start=1):
         table.add_row(
             str(number),
@@ -78,27 +77,16 @@ def timed_table(timed: TimedPlan) -> Table:
 
 def timed_records_table(records: Sequence[TimedRecord]) -> Table:
     """The steps of a timed plan after it was executed."""
-    table = _steps_table("Executed", "joints read back (deg)")
-    for title in ("error\n(mm)", "planned\n(s)", "was\n(s)"):
-        table.add_column(title, justify="right", no_wrap=True)
+    columns = "error\n(mm)", "planned\n(s)", "was\n(s)"
+    table = steps_table("Executed", "joints read back (deg)", *columns)
     for number, record in enumerate(records, start=1):
-        error = record.position_error
         table.add_row(
             str(number),
             record.planned.step.title,
             target(record.planned),
             "no halt" if record.reached is None else angles(record.reached, True, width=7),
-            "" if error is None else f"{1e3 * error:.3f}",
+            error_of(record.position_error),
             f"{record.timed.end:.2f}",
             "" if record.end is None else f"{record.end:.2f}",
         )
-    return table
-
-
-def _steps_table(title: str, joints: str) -> Table:
-    table = new_table(title)
-    table.add_column("", justify="right")
-    table.add_column("step", max_width=18)
-    table.add_column("target (mm)", justify="right", no_wrap=True)
-    table.add_column(joints, no_wrap=True)
     return table

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from niryo_jax import workspace as ws
 from niryo_jax.cli.console import show_table, stderr
-from niryo_jax.cli.outcome import print_json
+from niryo_jax.cli.outcome import json_number, print_json
 from niryo_jax.cli.tables import new_table
 from niryo_jax.collision import CollisionCheck
 
@@ -129,11 +129,7 @@ def _said(name: str, value: Any) -> str:
 def _plain(value: Any) -> Any:
     """For JSON, which knows neither numpy nor NaN."""
     plain = value.item() if isinstance(value, np.generic) else value
-    return _number(plain) if isinstance(plain, float) else plain
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    return json_number(plain) if isinstance(plain, float) else plain
 
 
 def placements_document(found: ws.BasePlacements) -> dict[str, Any]:
@@ -143,8 +139,8 @@ def placements_document(found: ws.BasePlacements) -> dict[str, Any]:
             "position": position.tolist(),
             "heading": float(heading),
             "reached": reached.tolist(),
-            "margin": _number(margin),
-            "manipulability": _number(manipulability),
+            "margin": json_number(margin),
+            "manipulability": json_number(manipulability),
         }
         for position, heading, reached, margin, manipulability in _rows(found)
     ]

@@ -9,6 +9,8 @@ from typing import Any, Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
 
 from niryo_jax._jax import is_concrete
 from niryo_jax.execution.compaction import at_once
@@ -47,6 +49,11 @@ def padded_rows(
     rows = array.reshape(math.prod(array.shape[:axes]), *array.shape[axes:])
     padding = [(0, size - len(rows)), *[(0, 0)] * (rows.ndim - 1)]
     return jnp.pad(rows, padding, mode=mode if len(rows) else "constant")
+
+
+def filled_up(rows: NDArray[Any], multiple: int) -> NDArray[Any]:
+    """Rows (k, ...), k of 1 or more, with the last repeated up to a multiple of so many."""
+    return np.pad(rows, [(0, -len(rows) % multiple), *[(0, 0)] * (rows.ndim - 1)], mode="edge")
 
 
 def is_symbolic(batch: tuple[Any, ...]) -> bool:

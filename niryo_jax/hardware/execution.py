@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from niryo_jax.chain import forward_kinematics
 from niryo_jax.codes import Code
+from niryo_jax.execution.padding import filled_up
 from niryo_jax.hardware.errors import ArgumentRejected, NiryoError, TargetRejected
 from niryo_jax.hardware.targets import JointTargets, Vector
 from niryo_jax.robot import Robot
@@ -201,8 +202,7 @@ def _check_speed(targets: JointTargets, time: Vector, q: Vector) -> None:
 
 def _tool_points(robot: Robot, q: Vector) -> Vector:
     """(k, 3, 3) the tool's origin, and points a finger's length along two of its axes."""
-    padded = np.pad(q, ((0, -len(q) % _ROWS), (0, 0)), mode="edge")
-    pose = np.asarray(forward_kinematics(robot, padded), dtype=np.float64)[: len(q)]
+    pose = np.asarray(forward_kinematics(robot, filled_up(q, _ROWS)), dtype=np.float64)[: len(q)]
     arms = np.stack([np.zeros((3, 1)), *(_FINGER * np.eye(3)[:, [i]] for i in (0, 1))])
     return pose[:, None, :3, 3] + (pose[:, None, :3, :3] @ arms)[..., 0]
 

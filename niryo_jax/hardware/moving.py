@@ -7,6 +7,7 @@ import dataclasses
 import math
 import threading
 import time
+from typing import Any
 
 import numpy as np
 from jax.typing import ArrayLike
@@ -61,29 +62,22 @@ _STATES: dict[type[Exception], ExecutionState] = {
 
 
 class MovingArm(ArmLink):
-    """An arm that can be sent somewhere; `NiryoArm` has its arguments and the rest of it."""
+    """An arm that can be sent somewhere; `NiryoArm` has its arguments and the rest of it.
+
+    `connection` is what `ArmLink` takes besides.
+    """
 
     def __init__(
         self,
         host: str,
         *,
         robot: Robot,
-        port: int | None,
-        model: str | None,
-        connect_timeout: float,
-        timeout: float,
         tolerance: float,
         settle: float,
         piece: float | None,
+        **connection: Any,
     ) -> None:
-        super().__init__(
-            host,
-            robot=robot,
-            port=port,
-            model=model,
-            connect_timeout=connect_timeout,
-            timeout=timeout,
-        )
+        super().__init__(host, robot=robot, **connection)
         self._robot = robot
         self._tolerance = arguments.positive("tolerance", tolerance)
         self._settle = arguments.seconds("settle", settle)
@@ -215,7 +209,8 @@ class MovingArm(ArmLink):
             except ExecutionAborted as aborted:
                 if by is not None or not _is_unknown(aborted.__cause__):
                     raise
-        planned = plan(self._robot, self._targets, trajectory, within, False)
+        if by is None:
+            planned = plan(self._robot, self._targets, trajectory, within, False)
         return self._carry_out(planned, "moves", start, keep_time, progress)
 
     def stop(self) -> None:

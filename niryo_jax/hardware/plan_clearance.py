@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Callable
 
 import jax
 import numpy as np
 from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
-from niryo_jax.collision import CollisionCheck
+from niryo_jax.collision import CollisionCheck, Distances
 from niryo_jax.hardware.errors import NiryoError
 from niryo_jax.hardware.pick_and_place import Plan
 
@@ -96,20 +97,44 @@ def check_plan(
     stops = [planned.joints for planned in plan.steps]
     first = stops[0] if q_start is None else np.asarray(q_start, np.float64)
     ways = [straight_way(*ends) for ends in itertools.pairwise([first, *stops])]
-    found = jax.device_get(check.distances(plan.robot, np.concatenate(ways)))
+    shares = np.concatenate([np.linspace(0.0, 100.0, len(way)) for way in ways])
+    step = np.repeat(np.arange(len(ways)), [len(way) for way in ways])
+    found = check.distances(plan.robot, np.concatenate(ways))
+    return of_steps(plan, check, found, step, lambda at: (f"{shares[at]:.0f} % of the way", None))
+
+
+def of_steps(
+    plan: Plan,
+    check: CollisionCheck,
+    found: Distances,
+    step: NDArray[np.int64],
+    place: Callable[[int], tuple[str, float | None]],
+) -> PlanClearance:
+    """The least clearance of each step of a plan.
+
+    Args:
+        plan: the steps.
+        check: what the arm has to stay clear of.
+        found: distances at joint vectors (m, n) or more, of which the first m count.
+        step: (m,) the index of the step that each belongs to; each step has some.
+        place: where on the way that is, in words, and in seconds where the plan has times.
+
+    Raises:
+        StepCollides: naming the first step that comes nearer than the margin.
+    """
+    found, count = jax.device_get(found), len(plan.steps)
     if not found.pairs:
-        nothing = np.full(len(ways), np.inf)
-        return PlanClearance(nothing, (("", ""),) * len(ways), sum(map(len, ways)))
-    least = np.min(found.distance, axis=-1)
-    clearance, pairs = np.empty(len(ways)), list[tuple[str, str]]()
-    for number, (start, end) in enumerate(itertools.pairwise(np.cumsum([0, *map(len, ways)]))):
-        at = int(start + np.argmin(least[start:end]))
+        return PlanClearance(np.full(count, np.inf), (("", ""),) * count, len(step))
+    least = np.min(found.distance, axis=-1)[: len(step)]
+    clearance, pairs = np.empty(count), list[tuple[str, str]]()
+    for number in range(count):
+        own = np.flatnonzero(step == number)
+        at = int(own[np.argmin(least[own])])
         clearance[number], pair = least[at], found.nearest_pair(at)
         pairs.append(pair)
         if not least[at] > check.margin:
-            where = f"{100 * (at - start) / max(end - start - 1, 1):.0f} % of the way"
-            raise refusal(plan, check, number, pair, float(least[at]), where)
-    return PlanClearance(clearance, tuple(pairs), len(least))
+            raise _refusal(plan, check, number, pair, float(least[at]), *place(at))
+    return PlanClearance(clearance, tuple(pairs), len(step))
 
 
 def check_approach(plan: Plan, check: CollisionCheck, q: ArrayLike) -> None:
@@ -131,14 +156,14 @@ def straight_way(start: Vector, end: Vector) -> Vector:
     return start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
 
 
-def refusal(
+def _refusal(
     plan: Plan,
     check: CollisionCheck,
     number: int,
     pair: tuple[str, str],
     distance: float,
     where: str,
-    time: float | None = None,
+    time: float | None,
 ) -> StepCollides:
     """The error of a step, by its index, that comes too near: so much, `where` on its way."""
     title = plan.steps[number].step.title

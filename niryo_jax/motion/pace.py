@@ -10,7 +10,7 @@ from jax.typing import ArrayLike
 from niryo_jax._jax import is_concrete
 from niryo_jax.arguments import shown
 from niryo_jax.lanes.batching import as_floating
-from niryo_jax.motion.spline import before, looked_up, norm
+from niryo_jax.motion.spline import before, chord_shares, looked_up
 from niryo_jax.tolerances import SAME_WAYPOINT
 
 
@@ -41,10 +41,7 @@ def as_pace(pace: ArrayLike, q: jax.Array) -> jax.Array:
 def pace_at(q: jax.Array, pace: jax.Array, s: jax.Array) -> jax.Array:
     """Shares (..., m) at places s of paths through joint vectors (..., k, n), of which those from
     each to the next are `pace` (..., k - 1); at a sample the smaller of both."""
-    chords = norm(q[..., 1:, :] - q[..., :-1, :])
-    length = jnp.sum(chords, axis=-1, keepdims=True)
-    share = jnp.cumsum(chords, axis=-1) / jnp.where(length > 0, length, 1.0)
-    knots = jnp.concatenate([jnp.zeros_like(share[..., :1]), share], axis=-1)
+    knots, _ = chord_shares(q)
     near = SAME_WAYPOINT.of(s.dtype)
     sides = (before(knots, s - near, "left"), before(knots, s + near, "right"))
     table, last = pace[..., None], pace.shape[-1] - 1

@@ -50,14 +50,21 @@ def spline_through(q: jax.Array) -> Spline:
     a parabola through three. A joint vector that is the one before it again is no knot.
     """
     q, last = _without_repeats(q)
-    chords = norm(q[..., 1:, :] - q[..., :-1, :])
-    length = jnp.sum(chords, axis=-1)
-    share = chords / jnp.where(length > 0, length, 1.0)[..., None]
-    knots = jnp.concatenate([jnp.zeros_like(share[..., :1]), jnp.cumsum(share, axis=-1)], axis=-1)
+    knots, length = chord_shares(q)
     # Rounding does not keep the end from being 1.
     here = jnp.arange(q.shape[-2])
     knots = jnp.where(here >= last[..., None], 1.0, knots)
     return Spline(knots, q, _bends(knots, q, last), length)
+
+
+def chord_shares(q: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Where joint vectors (..., k, n) are on the chords between them, (..., k) shares of their
+    length, and that length (...,)."""
+    chords = norm(q[..., 1:, :] - q[..., :-1, :])
+    length = jnp.sum(chords, axis=-1)
+    share = chords / jnp.where(length > 0, length, 1.0)[..., None]
+    none = jnp.zeros_like(share[..., :1])
+    return jnp.concatenate([none, jnp.cumsum(share, axis=-1)], axis=-1), length
 
 
 def place_at(spline: Spline, s: jax.Array) -> Place:

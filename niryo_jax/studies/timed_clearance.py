@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import itertools
 
-import jax
 import numpy as np
 from numpy.typing import NDArray
 
 from niryo_jax.collision import CollisionCheck
+from niryo_jax.execution.padding import filled_up
 from niryo_jax.hardware.execution import Execution
-from niryo_jax.hardware.plan_clearance import PlanClearance, refusal, straight_way
+from niryo_jax.hardware.plan_clearance import PlanClearance, of_steps, straight_way
 from niryo_jax.motion import JointTrajectory
 from niryo_jax.studies.sections import WITHIN, sections
 from niryo_jax.studies.timed_plan import TimedPlan
@@ -48,23 +48,12 @@ def check_timed(
         ValueError: the model has links that the arm does not.
     """
     time, q, step = _looked_at(timed, within)
-    padded = np.pad(q, ((0, -len(q) % _ROWS), (0, 0)), mode="edge")
-    found = jax.device_get(check.distances(timed.plan.robot, padded))
-    count = len(timed.steps)
-    if not found.pairs:
-        return PlanClearance(np.full(count, np.inf), (("", ""),) * count, len(q))
-    least = np.min(found.distance, axis=-1)[: len(q)]
-    clearance, pairs = np.empty(count), list[tuple[str, str]]()
-    for number in range(count):
-        own = np.flatnonzero(step == number)
-        at = int(own[np.argmin(least[own])])
-        clearance[number], pair = least[at], found.nearest_pair(at)
-        pairs.append(pair)
-        if not least[at] > check.margin:
-            when = float(time[at])
-            where = f"at {when:.2f} s of {timed.duration:.2f} s"
-            raise refusal(timed.plan, check, number, pair, float(least[at]), where, when)
-    return PlanClearance(clearance, tuple(pairs), len(least))
+    found = check.distances(timed.plan.robot, filled_up(q, _ROWS))
+
+    def place(at: int) -> tuple[str, float]:
+        return f"at {time[at]:.2f} s of {timed.duration:.2f} s", float(time[at])
+
+    return of_steps(timed.plan, check, found, step, place)
 
 
 def _looked_at(timed: TimedPlan, within: float) -> tuple[Vector, Vector, NDArray[np.int64]]:

@@ -7,6 +7,7 @@ from jax.typing import ArrayLike
 from numpy.typing import NDArray
 
 from niryo_jax.chain import forward_kinematics
+from niryo_jax.execution.padding import filled_up
 from niryo_jax.ik import follow
 from niryo_jax.motion import cartesian_trajectory
 from niryo_jax.robot import Robot
@@ -25,8 +26,7 @@ def followed(robot: Robot, poses: ArrayLike, start: Vector) -> tuple[Vector, str
     on the way; an empty word where they do not."""
     given = np.asarray(poses)
     count = len(given)
-    padded = np.pad(given, ((0, -count % _AT_ONCE), (0, 0), (0, 0)), mode="edge")
-    path = follow(robot, padded, start)
+    path = follow(robot, filled_up(given, _AT_ONCE), start)
     return np.array(path.q, np.float64)[:count], "" if np.all(path.ok) else path.message
 
 
@@ -36,8 +36,7 @@ def between_stops(robot: Robot, stops: Vector, count: int) -> Vector:
     poses = [np.asarray(forward_kinematics(robot, stops[0]))[None]]
     for first in range(0, len(stops) - 1, _LEGS):
         part = stops[first : first + _LEGS + 1]
-        padded = np.pad(part, ((0, _LEGS + 1 - len(part)), (0, 0)), mode="edge")
-        corners = forward_kinematics(robot, padded)
+        corners = forward_kinematics(robot, filled_up(part, _LEGS + 1))
         lines = cartesian_trajectory(corners[:-1], corners[1:], 1.0, count + 1, lambda u: u).pose
         poses.append(np.asarray(lines)[: len(part) - 1, 1:].reshape(-1, 4, 4))
     return np.concatenate(poses)
