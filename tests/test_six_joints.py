@@ -17,11 +17,10 @@ from support import random_robot
 
 import niryo_jax as nj
 from benchmarks import honesty, singular
-from niryo_jax import lanes
 from niryo_jax.ik import IKStatus
 from niryo_jax.ik.complete.general_arm import are_proved, solve_general_arm
-from niryo_jax.ik.general.isolation import FAR, Roots, isolated
-from niryo_jax.ik.general.polynomial import equations_of, polynomial
+from niryo_jax.ik.general.isolation import FAR, Roots, isolated, refined
+from niryo_jax.ik.general.polynomial import equations_and_polynomial
 from niryo_jax.ik.methods.multistart import solve_multistart
 from niryo_jax.ik.trig_polynomial import DEGREE, UNBOUNDED, Polynomial
 from niryo_jax.specialise import traced_geometry
@@ -229,8 +228,10 @@ def product(roots):
 
 @jax.jit
 def roots_of(coefficients):
-    noise = jnp.full(coefficients.shape[1], 1e-16)
-    return isolated(Polynomial(coefficients, noise), FAR)
+    g = Polynomial(coefficients, jnp.full(coefficients.shape[1], 1e-16))
+    roots = isolated(g, FAR)
+    row = jnp.minimum(roots.owner, coefficients.shape[1] - 1)
+    return roots, refined(g, row, roots.near)
 
 
 ROWS = 4
@@ -241,8 +242,8 @@ def roots_and_proof(*polynomials):
     table = np.zeros((17, ROWS))
     table[0] = 1.0
     table[:, : len(polynomials)] = np.transpose(polynomials)
-    found = roots_of(jnp.asarray(table))
-    owner, angle, simple = map(np.asarray, (found.owner, found.angle, found.most == 1))
+    found, angle = roots_of(jnp.asarray(table))
+    owner, angle, simple = map(np.asarray, (found.owner, angle, found.most == 1))
     return [
         (np.sort(angle[own] % (2 * np.pi)), bool(found.listed[i]) and np.all(simple[own]))
         for i, own in enumerate(owner == i for i in range(len(polynomials)))
@@ -281,7 +282,8 @@ def test_as_many_solutions_as_there_are_roots_at_most_are_a_proof():
         number = len(most)
         arc = jnp.asarray(arcs, float).T
         owner = jnp.zeros(number, int)
-        roots = Roots(owner, arc[0], arc, jnp.asarray(most), jnp.array([listed]), number)
+        near = jnp.zeros((number, 3))
+        roots = Roots(owner, near, arc, jnp.asarray(most), jnp.array([listed]), number)
         table = np.full((16, 1), np.inf)
         table[: len(kept), 0] = kept
         return bool(are_proved(roots, jnp.asarray(table))[0])
@@ -310,12 +312,11 @@ def test_a_polynomial_without_roots_is_settled_and_noise_is_not():
 
 
 @jax.jit
-def value_at_root(numbers, home, pose, q):
+def value_at_root(numbers, robot, pose, q):
     """(rows,) |g| at the angle of the kept joint of joint vectors that made the poses, in units of
     the estimated noise."""
-    way, rows = closure.unflattened(numbers), len(pose)
-    home, goal = (lanes.contiguous_lanes(x, 2) for x in (home, pose))
-    g = polynomial(way, equations_of(way, goal, home, rows))
+    way = closure.unflattened(numbers)
+    _, g = equations_and_polynomial(way, traced_geometry(robot, pose.dtype), pose)
     angle = jnp.sum(jnp.where(way.order == 0, q, 0.0), axis=1)
     k = jnp.arange(1, DEGREE + 1)[:, None]
     real, imaginary = g.coefficients[1 : DEGREE + 1], g.coefficients[DEGREE + 1 :]
@@ -342,11 +343,11 @@ def test_g_vanishes_at_known_roots_but_for_its_noise(name, most, beyond):
             random_robot(rng, 6) if name == "random" else off_by(nj.robots.load(name), rng, size)
         )
         q = rng.uniform(-np.pi, np.pi, (1000, 6))
-        pose, home = posed(robot, q), np.broadcast_to(robot.home, (1000, 4, 4))
+        pose = posed(robot, q)
         screws = np.asarray(robot.screws)
         for way in closure.eliminations(screws):
             numbers = closure.flattened(closure.closure_numbers(screws, way))
-            ratios.append(np.asarray(value_at_root(numbers, home, pose, q)))
+            ratios.append(np.asarray(value_at_root(numbers, robot, pose, q)))
     ratio = np.concatenate(ratios)
     assert np.max(ratio) < most
     assert np.mean(ratio > POLYNOMIAL_NOISE) <= beyond

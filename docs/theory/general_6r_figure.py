@@ -16,10 +16,10 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 import niryo_jax as nj
-from niryo_jax import lanes
-from niryo_jax.ik.general.isolation import FAR, isolated
-from niryo_jax.ik.general.polynomial import equations_of, polynomial
+from niryo_jax.ik.general.isolation import FAR, isolated, refined
+from niryo_jax.ik.general.polynomial import equations_and_polynomial
 from niryo_jax.ik.trig_polynomial import DEGREE
+from niryo_jax.specialise import traced_geometry
 from niryo_jax.structure.closure import closure_numbers, eliminations
 
 ARCS = 32
@@ -39,9 +39,8 @@ def draw(axes: plt.Axes, robot: nj.Robot, pose: np.ndarray, what: str) -> None:
     """g on a scale that shows its signs and its size, its roots, and where arcs meet."""
     screws = np.asarray(robot.screws)
     numbers = closure_numbers(screws, eliminations(screws)[0])
-    goal = lanes.unpack(jnp.asarray(pose)[None], 2)
-    home = lanes.unpack(jnp.asarray(robot.home), 2)
-    g = polynomial(numbers, equations_of(numbers, goal, home, 1))
+    geometry = traced_geometry(robot, np.dtype(float))
+    _, g = equations_and_polynomial(numbers, geometry, jnp.asarray(pose)[None])
     roots = isolated(g, FAR)
     c = np.asarray(g.coefficients)[:, 0]
 
@@ -53,7 +52,8 @@ def draw(axes: plt.Axes, robot: nj.Robot, pose: np.ndarray, what: str) -> None:
     t = np.linspace(0, 2 * np.pi, 4001)
     shown = np.arcsinh(value(t) / 1e-7)
     axes.plot(t, shown, color="#0072b2", linewidth=1.3)
-    angles = np.asarray(roots.angle)[np.asarray(roots.owner) == 0]
+    number = int(roots.number)
+    angles = np.asarray(refined(g, roots.owner[:number], roots.near[:number]))
     axes.plot(angles, np.zeros_like(angles), "o", color="#d55e00", markersize=5)
     axes.axhline(0, color="0.6", linewidth=0.8)
     for end in 2 * np.pi * np.arange(ARCS + 1) / ARCS:

@@ -56,10 +56,20 @@ def running_count(which: jax.Array) -> tuple[jax.Array, jax.Array]:
 def append(
     rows: jax.Array, count: jax.Array, new: jax.Array, which: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    """Write the chosen rows of `new` behind the first `count` rows; and how many there are then."""
+    """Write the chosen rows of `new` behind the first `count` rows; and how many there are then.
+
+    What stands behind those is overwritten, as many rows as `new` has. Where there is no room for
+    as many, some of the chosen are lost, and the count tells.
+    """
     place, total = running_count(which)
-    place = jnp.where(which, count + place - 1, rows.shape[0])
-    return rows.at[place].set(new, mode="drop"), count + total
+    most = min(len(new), len(rows))
+    order = jnp.zeros(most, jnp.int32)
+    order = order.at[jnp.where(which, place - 1, most)].set(
+        jnp.arange(len(new), dtype=jnp.int32), mode="drop"
+    )
+    # One piece that is written in place: a scatter copies all rows at each step of a loop.
+    at = jnp.minimum(count, len(rows) - most)
+    return jax.lax.dynamic_update_slice_in_dim(rows, new[order], at, 0), count + total
 
 
 def tally(counts: jax.Array, owner: jax.Array, which: jax.Array) -> jax.Array:

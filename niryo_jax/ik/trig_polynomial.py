@@ -47,11 +47,10 @@ class Polynomial(NamedTuple):
         return POLYNOMIAL_NOISE * jnp.maximum(self.noise, least)
 
 
-def nodes(dtype: jax.typing.DTypeLike) -> tuple[Lane, Lane]:
-    """Cosine and sine of the equidistant nodes, (20, 1)."""
+def nodes(dtype: jax.typing.DTypeLike) -> tuple[jax.Array, jax.Array]:
+    """Cosine and sine of the equidistant nodes, (20,)."""
     t = 2 * np.pi * np.arange(NODES) / NODES
-    cos, sin = (Lane(jnp.asarray(x[:, None], dtype)) for x in (np.cos(t), np.sin(t)))
-    return cos, sin
+    return jnp.asarray(np.cos(t), dtype), jnp.asarray(np.sin(t), dtype)
 
 
 def interpolated(values: jax.Array) -> Polynomial:

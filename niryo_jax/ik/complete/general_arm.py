@@ -17,24 +17,27 @@ from niryo_jax import lanes
 from niryo_jax.execution.compaction import at_once, for_each_chunk
 from niryo_jax.execution.padding import is_small
 from niryo_jax.ik.complete.polish import MOST
-from niryo_jax.ik.general.isolation import A_LITTLE, FAR, Effort, Roots, isolated
-from niryo_jax.ik.general.polynomial import equations_of, polynomial
+from niryo_jax.ik.general.elimination import kept
+from niryo_jax.ik.general.isolation import A_LITTLE, FAR, Effort, Roots, isolated, refined
+from niryo_jax.ik.general.polynomial import Equations, equations_and_polynomial
 from niryo_jax.ik.general.recovery import joint_vectors
 from niryo_jax.ik.newton import rolled
-from niryo_jax.ik.newton.pose_error import extent, miss, within_tolerance
+from niryo_jax.ik.newton.pose_error import extent, near_twist, pose_errors, within_tolerance
 from niryo_jax.ik.results.candidates import JointVectors
 from niryo_jax.ik.results.deduplicate import distinct
 from niryo_jax.ik.results.limits import Limits, without_whole_turns
 from niryo_jax.ik.results.ranking import Answer, rank
 from niryo_jax.ik.results.status import Singularity, UnreachableReason
-from niryo_jax.ik.task import POSE
+from niryo_jax.ik.trig_polynomial import Polynomial
+from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.specialise import Geometry
-from niryo_jax.structure.closure import unflattened
+from niryo_jax.structure.closure import ClosureNumbers, unflattened
 from niryo_jax.tolerances import DEPENDENT_ROW, IK_POLISH
 
-_PART = 64
-_STEPS, _MORE_STEPS = 5, 20
+_PART = 256
+_RECOVERED, _IMPROVED = 256, 128
+_STEPS, _MORE_STEPS = 4, 19
 _LARGEST_STEP = 0.3
 _ROOTS_OF_A_POSE = 4
 _FEW = 8
@@ -108,26 +111,15 @@ def _solved(
     small: bool,
 ) -> _Found:
     """What one way of elimination adds to what is known of poses (rows, 4, 4)."""
-    rows, dtype = goal.shape[0], goal.dtype
+    rows = len(goal)
     way = unflattened(numbers)
-    equations = equations_of(way, lanes.contiguous_lanes(goal, 2), geometry.home, rows)
-    roots = isolated(polynomial(way, equations), effort)
+    equations, g = equations_and_polynomial(way, geometry, goal)
+    roots = isolated(g, effort)
     room = len(roots.owner)
-    size = extent(goal)
-
-    def recover(state: jax.Array, at: jax.Array, its: jax.Array) -> jax.Array:
-        owner = jnp.minimum(roots.owner[at], rows - 1)
-        q = joint_vectors(way, equations, owner, roots.angle[at])
-        q, *errors = _improved(geometry.at(owner), goal[owner], q, steps, small)
-        return state.at[:, jnp.where(its, at, room)].set(
-            jnp.concatenate([q, jnp.stack(errors)]), mode="drop"
-        )
-
-    chunk = min(room, max(_ROOTS_OF_A_POSE * rows, 16))
-    solved = for_each_chunk(roots.owner < rows, chunk, recover, jnp.zeros((8, room), dtype))
+    real, poses = roots.owner < rows, jnp.minimum(roots.owner, rows - 1)
+    solved = _joint_vectors(geometry, way, goal, equations, g, roots, steps, small)
     q, position, rotation = without_whole_turns(solved[:6].T, _PERIODIC), solved[6], solved[7]
-    row = jnp.minimum(roots.owner, rows - 1)
-    good = (roots.owner < rows) & within_tolerance(position, rotation, size=size[row])
+    good = real & within_tolerance(position, rotation, size=extent(goal)[poses])
     owner = jnp.where(good, roots.owner, rows)
     before = jnp.broadcast_to(jnp.arange(rows)[:, None], known.found.shape)
     before = jnp.where(known.found, before, rows)
@@ -149,55 +141,97 @@ def _solved(
     sure = roots.most == 1
     parts = (q, known.q), (position, known.position), (rotation, known.rotation), (sure, known.sure)
     vectors, metres, radians, sure = (with_known(*part)[taken] for part in parts)
-    kept = jnp.sum(jnp.where(way.order == 0, vectors, 0.0), axis=-1)
-    proved = are_proved(roots, jnp.where(exists, kept, jnp.inf).T) & ~crowded
+    angle = jnp.sum(jnp.where(way.order == 0, vectors, 0.0), axis=-1)
+    proved = are_proved(roots, jnp.where(exists, angle, jnp.inf).T) & ~crowded
     return _Found(vectors, exists, metres, radians, sure | proved[:, None], known.proved | proved)
 
 
+def _joint_vectors(
+    geometry: Geometry,
+    way: ClosureNumbers,
+    goal: jax.Array,
+    equations: jax.Array,
+    g: Polynomial,
+    roots: Roots,
+    steps: jax.Array,
+    small: bool,
+) -> jax.Array:
+    """(8, roots) joint vectors, and by how many metres and radians they miss."""
+    rows, room = len(goal), len(roots.owner)
+    real, poses = roots.owner < rows, jnp.minimum(roots.owner, rows - 1)
+    missed = rolled.pose_errors if small else _missed
+
+    def recover(state: jax.Array, at: jax.Array, its: jax.Array) -> jax.Array:
+        owner = poses[at]
+        angle = refined(g, owner, roots.near[at])
+        q = joint_vectors(way, Equations.from_rows(equations[owner]), angle)
+        errors = missed(geometry.at(owner), lanes.contiguous_lanes(goal[owner], 2), q)
+        new = jnp.concatenate([q, jnp.stack(errors)])
+        return state.at[:, jnp.where(its, at, room)].set(new, mode="drop")
+
+    def improve(state: jax.Array, at: jax.Array, its: jax.Array) -> jax.Array:
+        owner = poses[at]
+        goals = lanes.contiguous_lanes(goal[owner], 2)
+        # What stands for no root is exact, so that the others need not wait for it.
+        old = jnp.where(its, state[:, at], 0.0)
+        new = _improved(geometry.at(owner), goals, old, steps, small)
+        return state.at[:, jnp.where(its, at, room)].set(new, mode="drop")
+
+    chunk = min(room, max(min(at_once(_RECOVERED, room), _ROOTS_OF_A_POSE * rows), 16))
+    solved = for_each_chunk(real, chunk, recover, jnp.zeros((8, room), goal.dtype))
+    # Most are exact to rounding as they are.
+    rough = real & _is_rough(solved)
+    return for_each_chunk(rough, min(chunk, at_once(_IMPROVED, room)), improve, solved)
+
+
+def _is_rough(solved: jax.Array) -> jax.Array:
+    return ~(jnp.maximum(solved[6], solved[7]) <= IK_POLISH.of(solved.dtype))
+
+
 def _improved(
-    geometry: Geometry, goal: jax.Array, q: jax.Array, steps: jax.Array, small: bool
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """The best of joint vectors (6, r) and of where so many steps of Newton's method less one lead,
-    and by how many metres and radians they miss: where solutions merge a step can lead away."""
-    its = lanes.contiguous_lanes(goal, 2)
-    newton_step = _rolled_step if small else _written_out_step
-    tolerance = IK_POLISH.of(q.dtype)
+    geometry: Geometry, goal: Lanes, solved: jax.Array, steps: jax.Array, small: bool
+) -> jax.Array:
+    """The best of what is `solved` and of where so many steps of Newton's method lead from there,
+    joint vectors and by how many metres and radians they miss, (8, r): where solutions merge a step
+    can lead away."""
+    newton_step, missed = (_rolled_step, rolled.pose_errors) if small else (_fast_step, _missed)
 
     def step(state: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
-        count, q, *best = state
-        move, position, rotation = newton_step(geometry, its, q)
-        better = position + rotation < best[1] + best[2]
-        best = [jnp.where(better, x, y) for x, y in zip((q, position, rotation), best)]
-        done = (best[1] <= tolerance) & (best[2] <= tolerance)
-        moved = q + jnp.clip(move, -_LARGEST_STEP, _LARGEST_STEP)
-        return count + 1, jnp.where(done, q, moved), *best
-
-    far = jnp.full(q.shape[1], jnp.inf, q.dtype)
+        count, q, best = state
+        rough = _is_rough(best)
+        q = kept(q + jnp.clip(newton_step(geometry, goal, q), -_LARGEST_STEP, _LARGEST_STEP))
+        new = jnp.concatenate([q, jnp.stack(missed(geometry, goal, q))])
+        # A root that is done stays as it is, however long its neighbours take.
+        better = rough & (new[6] + new[7] < best[6] + best[7])
+        return count + 1, q, jnp.where(better, new, best)
 
     def goes_on(state: tuple[jax.Array, ...]) -> jax.Array:
-        count, *_, position, rotation = state
-        return (count < steps) & jnp.any((position > tolerance) | (rotation > tolerance))
+        count, _, best = state
+        return (count < steps) & jnp.any(_is_rough(best))
 
-    start = jnp.int32(0), q, q, far, far
-    _, _, q, position, rotation = jax.lax.while_loop(goes_on, step, start)
-    return lanes.materialise(Lane(q)).array, position, rotation
+    return jax.lax.while_loop(goes_on, step, (jnp.int32(0), solved[:6], solved))[2]
 
 
-def _rolled_step(geometry: Geometry, goal: Lanes, q: jax.Array) -> tuple[jax.Array, ...]:
-    """The step (6, r), and metres and radians (r,) missed before it, by a program that is small."""
-    twist, jacobian, errors = rolled.near_twist(geometry, goal, q)
+def _missed(geometry: Geometry, goal: Lanes, q: jax.Array) -> tuple[jax.Array, ...]:
+    """`rolled.pose_errors` by a program that is fast."""
+    errors = pose_errors(geometry, goal, lanes.lanes_of([Lane(x) for x in q]))
+    return tuple(jnp.broadcast_to(error, q.shape[1:]) for error in errors)
+
+
+def _rolled_step(geometry: Geometry, goal: Lanes, q: jax.Array) -> jax.Array:
+    """The step (6, r), by a program that is small."""
+    twist, jacobian, _ = rolled.near_twist(geometry, goal, q)
     inverse = rolled.pseudo_inverse(jacobian, DEPENDENT_ROW.of(q.dtype))
-    return rolled.added(inverse * twist[None], 1), *errors
+    return rolled.added(inverse * twist[None], 1)
 
 
-def _written_out_step(geometry: Geometry, goal: Lanes, q: jax.Array) -> tuple[jax.Array, ...]:
+def _fast_step(geometry: Geometry, goal: Lanes, q: jax.Array) -> jax.Array:
     """The same by a program that is fast."""
     angles = lanes.lanes_of([Lane(x) for x in q])
-    twist, jacobian, *errors = miss(geometry, goal, angles, "body", POSE)
-    jacobian, twist = lanes.materialised(jacobian), lanes.materialised(twist)
+    pose, jacobian = pose_and_jacobian(geometry, angles, "body", materialise=True)
+    twist, jacobian = lanes.materialised(near_twist(pose, goal)), lanes.materialised(jacobian)
     move = lanes.solve(jacobian, twist, 0.0, DEPENDENT_ROW.of(q.dtype))
-    moves = jnp.stack([jnp.broadcast_to(x.array, q.shape[1:]) for x in move])
-    return moves, *(jnp.broadcast_to(x.array, q.shape[1:]) for x in errors)
+    return jnp.stack([jnp.broadcast_to(x.array, q.shape[1:]) for x in move])
 
 
 def are_proved(roots: Roots, kept: jax.Array) -> jax.Array:

@@ -30,7 +30,7 @@ from niryo_jax.ik.trig_polynomial import (
 from niryo_jax.lanes import Lane
 
 _ARCS = 32
-_WIDTH = 64
+_WIDTH = 128
 _HEAD = 6
 _REFINEMENTS = 7
 _MOST = 40
@@ -46,15 +46,15 @@ class Roots(NamedTuple):
 
     Attributes:
         owner: (r,) whose each is; `rows` behind the last.
-        angle: (r,) the root, or where there may be one.
+        near: (r, 3) the ends of an arc that holds it alone, if that is known, and where to begin.
         arc: (2, r) the ends of an arc that holds it.
-        most: (r,) how many roots that arc has at most. It is 1 where `angle` is a simple root.
+        most: (r,) how many roots that arc has at most. It is 1 for a simple root.
         listed: (rows,) whether all roots of a polynomial are on arcs in the list.
         number: () how many there are.
     """
 
     owner: jax.Array
-    angle: jax.Array
+    near: jax.Array
     arc: jax.Array
     most: jax.Array
     listed: jax.Array
@@ -108,7 +108,7 @@ def isolated(polynomial: Polynomial, effort: Effort) -> Roots:
     most, flat = most_roots(first, margin)
     width = min(at_once(_WIDTH, rows), _ARCS * rows)
     # What one step finds may be more than a polynomial is given.
-    room = _MOST * rows + 4 * width
+    room = _MOST * rows + 2 * width
     number = np.arange(_ARCS, dtype=float)[:, None] * (2 * np.pi / _ARCS)
     owner = jnp.broadcast_to(jnp.arange(rows, dtype=dtype), most.shape)
     low = jnp.broadcast_to(jnp.asarray(number, dtype), most.shape)
@@ -117,9 +117,9 @@ def isolated(polynomial: Polynomial, effort: Effort) -> Roots:
     head = jnp.stack([owner, low, high, low, high, most.astype(dtype)])
     begin = jnp.where(most == 1, _ROOT, _MIDDLE).astype(dtype)
     items = jnp.concatenate([head, begin[None]]).reshape(_HEAD + 1, -1).T
-    found = jnp.full((room, _HEAD + 1), -1.0, dtype)
+    found = jnp.full((room + 2 * width, _HEAD + 1), -1.0, dtype)
     found, count = append(found, jnp.int32(0), items, is_root.reshape(-1))
-    capacity = _ARCS * rows + width * _DEEPEST
+    capacity = _ARCS * rows + width * (_DEEPEST + 1)
     arcs = jnp.zeros((capacity, _HEAD + COEFFICIENTS), dtype)
     table = jnp.concatenate([head, first]).reshape(_HEAD + COEFFICIENTS, -1).T
     arcs, size = append(arcs, jnp.int32(0), table, ~(is_root | (most == 0)).reshape(-1))
@@ -131,18 +131,19 @@ def isolated(polynomial: Polynomial, effort: Effort) -> Roots:
         lambda state: _step(margin, width, effort, state),
         state,
     )
-    live = jnp.arange(room) < state.number
-    owner = jnp.where(live, state.found[:, 0].astype(jnp.int32), rows)
-    listed = (state.spent <= effort.share) & (state.held <= _MOST)
-    angle = _refined(coefficients, owner, state.found)
-    arc, most = state.found[:, 3:5].T, state.found[:, 5].astype(jnp.int32)
-    return Roots(owner, angle, arc, most, listed, state.number)
+    found, live = state.found[:room], jnp.arange(room) < state.number
+    owner = jnp.where(live, found[:, 0].astype(jnp.int32), rows)
+    listed = (state.spent <= effort.share) & (state.held <= _MOST) & (state.number <= room)
+    near = jnp.concatenate([found[:, 1:3], found[:, 6:]], axis=1)
+    arc, most = found[:, 3:5].T, found[:, 5].astype(jnp.int32)
+    return Roots(owner, near, arc, most, listed, state.number)
 
 
 def _step(margin: jax.Array, width: int, effort: Effort, state: _State) -> _State:
     """Halve the top arcs; push what is still open."""
     start = jnp.maximum(state.size - width, 0)
-    items = jax.lax.dynamic_slice_in_dim(state.arcs, start, width)
+    # What reads the stack itself must be done with it before it is written, or it is copied.
+    items = lanes.materialise(Lane(jax.lax.dynamic_slice_in_dim(state.arcs, start, width))).array
     live = start + jnp.arange(width) < state.size
     owner, low, high, bound = items[:, 0].astype(jnp.int32), items[:, 1], items[:, 2], items[:, 3:6]
     most = bound[:, 2].astype(jnp.int32)
@@ -184,12 +185,12 @@ def _step(margin: jax.Array, width: int, effort: Effort, state: _State) -> _Stat
     return _State(arcs, size, found, number, spent, held)
 
 
-def _refined(coefficients: jax.Array, owner: jax.Array, found: jax.Array) -> jax.Array:
-    """The root in each arc, by Newton's method that stays in what is known to hold it. Of a pair
-    the same method finds where g has its extremum, and the parabola there its roots."""
-    row = jnp.minimum(owner, coefficients.shape[1] - 1)
-    c = lanes.contiguous_lanes(coefficients.T[row])
-    _, low, high, *_, begin = (lane.array for lane in lanes.contiguous_lanes(found))
+def refined(polynomial: Polynomial, owner: jax.Array, near: jax.Array) -> jax.Array:
+    """The root in each arc (r, 3) of `Roots.near`, or where there may be one, by Newton's method
+    that stays in what is known to hold it. Of a pair the same method finds where g has its
+    extremum, and the parabola there its roots."""
+    c = lanes.contiguous_lanes(polynomial.coefficients.T[owner])
+    low, high, begin = (lane.array for lane in lanes.contiguous_lanes(near))
     is_pair = begin >= _LOWER
 
     def of(at: jax.Array) -> tuple[jax.Array, jax.Array]:

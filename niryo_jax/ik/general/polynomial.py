@@ -17,32 +17,69 @@ import jax.numpy as jnp
 import numpy as np
 
 from niryo_jax import lanes
+from niryo_jax.execution.compaction import at_once
+from niryo_jax.ik.general.elimination import eliminated, kept, solved
 from niryo_jax.ik.trig_polynomial import Polynomial, interpolated, nodes
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lie import se3, so3
-from niryo_jax.structure.closure import COLUMNS, ClosureNumbers
+from niryo_jax.specialise import Geometry
+from niryo_jax.structure.closure import COLUMNS, NODES, ClosureNumbers
+
+_BLOCK = 64
+"""The matrices at the nodes of so many poses stay in the cache of a core."""
 
 
 class Equations(NamedTuple):
-    """The equations of poses.
+    """The equations of poses, or of roots.
 
     Attributes:
-        products: (128, rows) four that vanish and four coordinates, each by the half angles of
-            kept, x, y and last.
         minors: (3, 9, 6, rows) by (1, cos, sin) of the kept angle, by the columns of the
             elimination, and by equation.
+        products: (8, 2, 2, 2, 2, rows) four that vanish and four coordinates, each by the half
+            angles of kept, x, y and last.
     """
 
-    products: jax.Array
     minors: jax.Array
+    products: jax.Array
+
+    def in_rows(self) -> jax.Array:
+        """All their numbers, (rows, 290)."""
+        rows = self.minors.shape[-1]
+        return jnp.concatenate([part.reshape(-1, rows) for part in self]).T
+
+    @classmethod
+    def from_rows(cls, table: jax.Array) -> Equations:
+        """Those of `in_rows`."""
+        rows, minors = len(table), 3 * COLUMNS * 6
+        first, second = table.T[:minors], table.T[minors:]
+        return cls(first.reshape(3, COLUMNS, 6, rows), second.reshape(8, 2, 2, 2, 2, rows))
 
 
-def equations_of(numbers: ClosureNumbers, goal: Lanes, home: Lanes, rows: int) -> Equations:
+def equations_and_polynomial(
+    numbers: ClosureNumbers, geometry: Geometry, goal: jax.Array
+) -> tuple[jax.Array, Polynomial]:
+    """Of target poses (rows, 4, 4): `Equations.in_rows`, and g."""
+    rows = len(goal)
+    block = min(at_once(_BLOCK, rows), rows)
+
+    def of_block(start: jax.Array) -> tuple[jax.Array, jax.Array]:
+        at = jnp.minimum(start + jnp.arange(block), rows - 1)
+        target = lanes.contiguous_lanes(goal[at], 2)
+        equations = _equations(numbers, target, geometry.at(at).home, block)
+        return equations.in_rows(), _at_nodes(numbers, equations.minors)
+
+    tables, values = jax.lax.map(of_block, jnp.arange(0, rows, block))
+    tables = tables.reshape(-1, tables.shape[-1])[:rows]
+    values = jnp.moveaxis(values, 1, 0).reshape(NODES, -1)[:, :rows]
+    return tables, interpolated(values)
+
+
+def _equations(numbers: ClosureNumbers, goal: Lanes, home: Lanes, rows: int) -> Equations:
     """The equations of target poses, (4, 4) lanes over the rows, of a tool that is at `home`."""
     dtype = goal[0, 3].array.dtype
     products = numbers.tensor.reshape(128, 8).astype(dtype) @ _target(numbers, goal, home, rows)
-    products = _kept(products)
-    table = products.reshape(8, 2, 2, 2, 2, rows)[:4]
+    products = kept(products).reshape(8, 2, 2, 2, 2, rows)
+    table = products[:4]
     first, second = np.triu_indices(4, 1)
     a, b = table[..., 0, :], table[..., 1, :]
     lefts, rights = (a[first], b[first]), (b[second], a[second])
@@ -59,13 +96,9 @@ def equations_of(numbers: ClosureNumbers, goal: Lanes, home: Lanes, rows: int) -
         parts = 0.5 * (squares + others), 0.5 * (squares - others), 0.5 * mixed
         terms = np.stack(parts, axis)
     minors = jnp.stack(list(terms.ravel())).reshape(3, COLUMNS, 6, rows)
-    minors = _kept(minors)
+    minors = kept(minors)
     size = jax.lax.rsqrt(jnp.sum(minors * minors, axis=(0, 1, 2)))
-    return Equations(products, _kept(minors[:, numbers.columns] * size))
-
-
-def _kept(array: jax.Array) -> jax.Array:
-    return lanes.materialise(Lane(array)).array
+    return Equations(kept(minors[:, numbers.columns] * size), products)
 
 
 def _target(numbers: ClosureNumbers, goal: Lanes, home: Lanes, rows: int) -> jax.Array:
@@ -94,80 +127,45 @@ def _half_product(vector: Lanes, turn: Lanes) -> Lanes:
     return np.array([0.5 * part for part in (real, *rest)], dtype=object)
 
 
-def at_angle(minors: Lanes, cos: Lane, sin: Lane) -> Lanes:
-    """(6, 9) the equations at an angle of the kept joint, from (3, 9, 6)."""
-    return (minors[0] + cos * minors[1] + sin * minors[2]).T
+def at_angle(minors: jax.Array, cos: jax.Array, sin: jax.Array) -> list[jax.Array]:
+    """The six equations (9, ...) at an angle of the kept joint, from (3, 9, 6, ...)."""
+    constant, of_cos, of_sin = jnp.swapaxes(minors, 1, 2)
+    return [kept(a + cos * b + sin * c) for a, b, c in zip(constant, of_cos, of_sin)]
 
 
-def null_basis(matrix: Lanes, places: jax.Array) -> tuple[Lane, Lanes]:
-    """The product of the pivots of (6, 9) equations of which the first six columns are eliminated,
-    and (3, 3, 3) what solves them: by (1, cos, sin) of x, by those of y, for three free unknowns.
-    `places` says where the nine columns belong."""
-    rows = [list(row) for row in matrix]
-    product: Lane | None = None
-    for k in range(6):
-        _exchange(rows, k)
-        product = rows[k][k] if product is None else product * rows[k][k]
-        for i in range(k + 1, 6):
-            share = rows[i][k] / rows[k][k]
-            for j in range(k + 1, 9):
-                rows[i][j] = rows[i][j] - share * rows[k][j]
-    solved = np.empty((9, 3), dtype=object)
-    solved[6:] = lanes.identity(3)
-    for k in range(5, -1, -1):
-        for c in range(3):
-            rest = rows[k][6 + c]
-            for j in range(k + 1, 6):
-                rest = rest + rows[k][j] * solved[j, c]
-            solved[k, c] = lanes.materialise(-rest / rows[k][k])
-    assert product is not None
-    like = solved[0, 0].array
-    table = jnp.stack(
-        [jnp.broadcast_to(x.array.astype(like.dtype), like.shape) for x in solved.flat]
-    )
-    table = _kept(table).reshape(9, 3, *like.shape)[places]
-    entries = [Lane(table[i, j]) for i in range(9) for j in range(3)]
-    return product, np.array(entries, dtype=object).reshape(3, 3, 3)
+def null_basis(
+    equations: list[jax.Array], places: jax.Array, least: float = 0.0
+) -> tuple[jax.Array, jax.Array]:
+    """What solves equations of which the first six columns are eliminated: (3, 3, 3, ...) by
+    (1, cos, sin) of x, by those of y, for three free unknowns; and the product of the pivots, which
+    are `least` at least. `places` says where the nine columns belong."""
+    units, product = eliminated(equations, least)
+    free = jnp.eye(3, dtype=product.dtype).reshape(3, 3, *[1] * product.ndim)
+    free = jnp.broadcast_to(free, (3, 3, *product.shape))
+    basis = kept(jnp.concatenate([-solved(units), free])[places])
+    return basis.reshape(3, 3, 3, *product.shape), product
 
 
-def _exchange(rows: list[list[Lane]], k: int) -> None:
-    """Bring the largest of column k to row k, such that the determinant stays."""
-    for i in range(k + 1, len(rows)):
-        larger = abs(rows[i][k]) > abs(rows[k][k])
-        for j in range(k, len(rows[k])):
-            upper, lower = rows[k][j], rows[i][j]
-            rows[k][j] = lanes.select(larger, lower, upper)
-            rows[i][j] = lanes.select(larger, -upper, lower)
-
-
-def half_angle_matrix(basis: Lanes) -> Lanes:
-    """(6, 6) what (cos, sin) of half the angle of x, times the free unknowns, is a zero of."""
+def half_angle_rows(basis: jax.Array) -> list[jax.Array]:
+    """The six rows (6, ...) of what (cos, sin) of half the angle of x, times the free unknowns, is
+    a zero of."""
     one, cos, sin = basis
-    return np.concatenate(
-        [np.concatenate([cos - one, sin], 1), np.concatenate([sin, -(cos + one)], 1)]
-    )
+    upper = jnp.concatenate([cos - one, sin], axis=1)
+    lower = jnp.concatenate([sin, -(cos + one)], axis=1)
+    return [*upper, *lower]
 
 
-def determinant(matrix: Lanes) -> Lane:
-    """Of (n, n), by elimination with exchange of rows."""
-    rows = [list(row) for row in matrix]
-    size = len(rows)
-    out = Lane(1.0)
-    for k in range(size):
-        _exchange(rows, k)
-        out = out * rows[k][k]
-        for i in range(k + 1, size):
-            share = rows[i][k] / lanes.select(abs(rows[k][k]) > 0.0, rows[k][k], 1.0)
-            for j in range(k + 1, size):
-                rows[i][j] = rows[i][j] - share * rows[k][j]
-    return out
+def smallest(dtype: np.dtype) -> float:
+    """What stands for a pivot that is zero."""
+    return float(jnp.finfo(dtype).tiny) ** 0.5
 
 
-def polynomial(numbers: ClosureNumbers, equations: Equations) -> Polynomial:
-    """g of poses."""
-    cos, sin = nodes(equations.minors.dtype)
-    minors = np.empty((3, COLUMNS, 6), dtype=object)
-    for index in np.ndindex(3, COLUMNS, 6):
-        minors[index] = Lane(equations.minors[index][None])
-    pivots, basis = null_basis(at_angle(minors, cos, sin), numbers.places)
-    return interpolated(_kept((pivots * pivots * determinant(half_angle_matrix(basis))).array))
+def _at_nodes(numbers: ClosureNumbers, minors: jax.Array) -> jax.Array:
+    """(20, rows) g at the nodes."""
+    cos, sin = nodes(minors.dtype)
+    equations = at_angle(minors[..., None, :], cos[:, None], sin[:, None])
+    flat = [row.reshape(COLUMNS, -1) for row in equations]
+    basis, pivots = null_basis(flat, numbers.places)
+    matrix = [kept(row) for row in half_angle_rows(basis)]
+    _, determinant = eliminated(matrix, smallest(minors.dtype))
+    return kept(pivots * pivots * determinant).reshape(len(cos), -1)

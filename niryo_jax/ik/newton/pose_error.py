@@ -99,6 +99,18 @@ def pose_difference(first: Motion, second: Motion) -> tuple[Lane, Lane]:
     return lanes.norm(first[1] - second[1]), lanes.norm(away) * math.sqrt(0.5)
 
 
+def near_twist(pose: Motion, goal: Lanes) -> Lanes:
+    """The body twist (6,) from a pose to a goal, (4, 4) lanes, that it all but reaches.
+
+    Half the difference of R and R^T stands for the logarithm of R: the two have the same derivative
+    at the identity.
+    """
+    rotation, position = pose
+    goal_rotation, goal_position = se3.split(goal)
+    turn = lanes.vee(rotation.T @ goal_rotation)
+    return np.concatenate([turn, rotation.T @ (goal_position - position)])
+
+
 def within_tolerance(
     position: jax.Array,
     rotation: jax.Array,

@@ -16,6 +16,7 @@ import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.chain import Motion, joint_motion
+from niryo_jax.ik.newton.pose_error import near_twist as to_near
 from niryo_jax.ik.newton.pose_error import pose_difference
 from niryo_jax.ik.task import Task
 from niryo_jax.lanes import Lane, Lanes
@@ -118,16 +119,9 @@ def pose_errors(geometry: Geometry, goal: Lanes, q: jax.Array) -> Errors:
 def near_twist(
     geometry: Geometry, goal: Lanes, q: jax.Array
 ) -> tuple[jax.Array, jax.Array, Errors]:
-    """The body twist (6, r) to goals, (4, 4) lanes, that are all but reached; the body Jacobian
-    (6, n, r); and `pose_errors`.
-
-    Half the difference of R and R^T stands for the logarithm of R: the two have the same derivative
-    at the identity.
-    """
+    """`pose_error.near_twist` (6, r), the body Jacobian (6, n, r), and `pose_errors`."""
     rotation, position, jacobian = pose_and_body_jacobian(geometry, q)
-    goal_rotation, goal_position = se3.split(goal)
-    turn = lanes.vee(rotation.T @ goal_rotation)
-    twist = np.concatenate([turn, rotation.T @ (goal_position - position)])
+    twist = to_near((rotation, position), goal)
     return _stacked(twist, q[0]), jacobian, _errors((rotation, position), goal, q[0])
 
 

@@ -18,7 +18,7 @@ from niryo_jax.lanes import Lane
 
 def product_of_branches(arm: OffsetWristParameters, circle: WristCircle) -> Polynomial:
     """The polynomial of the angle u on the circles of targets."""
-    cos, sin = nodes(circle.excess.array.dtype)
+    cos, sin = (Lane(x[:, None]) for x in nodes(circle.excess.array.dtype))
     return interpolated(lanes.materialise(_product(arm, circle, cos, sin)).array)
 
 

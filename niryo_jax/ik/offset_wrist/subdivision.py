@@ -104,9 +104,9 @@ def find_roots(
     # What one step finds may be more than a pose is given.
     most = min(_ROOTS * rows, _ROOM * rows + _MORE_ROOM) + 2 * width
     first, certain, start = _first_intervals(arm, circles, live)
-    stack = jnp.zeros((first.shape[0] + width * _DEPTH, 6), dtype)
+    stack = jnp.zeros((first.shape[0] + width * (_DEPTH + 1), 6), dtype)
     stack, size = append(stack, jnp.int32(0), first, ~certain)
-    roots = jnp.full((most, 6), -1.0, dtype)
+    roots = jnp.full((most + 2 * width, 6), -1.0, dtype)
     roots, count = append(roots, jnp.int32(0), first, start)
     nothing = jnp.zeros(rows, jnp.int32)
     held = tally(nothing, first[:, 0], start)
@@ -114,7 +114,7 @@ def find_roots(
     state = jax.lax.while_loop(
         lambda state: state.size > 0, lambda state: _step(arm, circles, width, state), state
     )
-    roots, count = state.roots, state.number
+    roots, count = state.roots[:most], state.number
     pose = jnp.where(jnp.arange(most) < count, roots[:, 0].astype(jnp.int32), rows)
     # What is left when a pose's share of the work runs out is not proved.
     complete = live & ~_given_up(state.spent, state.held) & (count <= most)
