@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -68,26 +69,37 @@ def polished(
         row = jnp.minimum(pose[at], rows - 1)
         goal, its = lanes.unpack(target[row], 2), geometry.at(row)
 
-        def step(_: int, carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
-            q, damping, *best = carry
-            twist, jacobian, (position, rotation) = rolled.near_twist(its, goal, q)
-            miss, least = position**2 + rotation**2, best[1] ** 2 + best[2] ** 2
-            # Next to a self-motion rounding alone moves joints far, and misses by no less.
-            better = miss <= least if few else miss < _WORTH_IT * least
-            best = [jnp.where(better, x, y) for x, y in zip((q, position, rotation), best)]
-            damping = damping * jnp.where(better, 1.0 / _DAMPING_FACTOR, _DAMPING_FACTOR)
+        def is_rough(best: Sequence[jax.Array]) -> jax.Array:
+            _, position, rotation = best
+            return live & ((position > tolerance) | (rotation > tolerance))
+
+        def goes_on(carry: tuple[jax.Array, ...]) -> jax.Array:
+            count, _, _, *best = carry
+            return (count < steps) & jnp.any(is_rough(best))
+
+        def step(carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+            count, q, damping, *best = carry
+            twist, jacobian, _ = rolled.near_twist(its, goal, q)
             damped = damping if few else None
             inverse = rolled.pseudo_inverse(jacobian, DEPENDENT_ROW.of(dtype), damped)
             move = rolled.added(inverse * twist[None], 1)
-            moved = q + jnp.clip(move, -_LARGEST_STEP, _LARGEST_STEP)
-            return jnp.where(better, moved, best[0]) if few else moved, damping, *best
+            q = q + jnp.clip(move, -_LARGEST_STEP, _LARGEST_STEP)
+            position, rotation = rolled.pose_errors(its, goal, q)
+            miss, least = position**2 + rotation**2, best[1] ** 2 + best[2] ** 2
+            # Next to a self-motion rounding alone moves joints far, and misses by no less.
+            better = miss <= least if few else miss < _WORTH_IT * least
+            # A root that is done stays as it is, however long its neighbours take.
+            better = better & is_rough(best)
+            best = [jnp.where(better, x, y) for x, y in zip((q, position, rotation), best)]
+            damping = damping * jnp.where(better, 1.0 / _DAMPING_FACTOR, _DAMPING_FACTOR)
+            return count + 1, best[0] if few else q, damping, *best
 
         q, *errors = state.q[at].T, state.position[at], state.rotation[at]
         # A miss that stays near a fold of what can be reached moves joints by its square root.
-        damping = jnp.sqrt(errors[0] + errors[1])
-        far = [jnp.full_like(error, jnp.inf) if few else error for error in errors]
+        damping = jnp.sqrt(errors[0] + errors[1]) / _DAMPING_FACTOR
         steps = _APPROACHING if few else _POLISHING
-        _, _, q, position, rotation = jax.lax.fori_loop(0, steps, step, (q, damping, q, *far))
+        start = jnp.int32(0), q, damping, q, *errors
+        *_, q, position, rotation = jax.lax.while_loop(goes_on, step, start)
         q = without_whole_turns(q.T, periodic)
         where = jnp.where(live, at, pose.shape[0])
         return state.replace(where, Solved(q, position, rotation, state.label[at]))
