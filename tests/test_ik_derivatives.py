@@ -16,7 +16,7 @@ import niryo_jax as nj
 from niryo_jax.ik import Singularity
 
 ROBOT = nj.robots.niryo_one()
-SCALES = [pytest.param(256, id="small"), pytest.param(1024, marks=pytest.mark.completeness)]
+SCALES = [pytest.param(64, id="small"), pytest.param(1024, marks=pytest.mark.completeness)]
 
 
 class Solved(NamedTuple):
