@@ -49,8 +49,9 @@ def solved(name, size, seed=0):
     return robot, q, pose, nj.inverse_kinematics(robot, pose)
 
 
+BETWEEN = 1e-3, 1e-5
 KINDS = [("random", 0.0), ("random", 1.0)] + [
-    (name, size)
+    pytest.param(name, size, marks=pytest.mark.completeness if size in BETWEEN else ())
     for name in ("ur16e", "abb_irb120", "niryo_one")
     for size in (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 ]

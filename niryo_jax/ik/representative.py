@@ -190,11 +190,18 @@ def _replaced(
     solved = jnp.any(ranked.within, axis=-1)
     changed["count"] = jnp.sum(ranked.found, axis=-1, dtype=jnp.int32)
     changed["status"] = jnp.where(solved, jnp.int32(IKStatus.SOLVED), flat.status[index])
-    changed = {
-        name: getattr(flat, name).at[rows].set(x[: len(rows)]) for name, x in changed.items()
-    }
-    flat = dataclasses.replace(flat, **changed)
+    before = {name: getattr(flat, name) for name in changed}
+    place = np.pad(rows, (0, size - len(rows)), constant_values=count)
+    flat = dataclasses.replace(flat, **_with_rows(before, changed, place))
     return flat.map(lambda x: x.reshape(*batch, *x.shape[1:]))
+
+
+@jax.jit
+def _with_rows(
+    arrays: dict[str, jax.Array], others: dict[str, jax.Array], place: jax.Array
+) -> dict[str, jax.Array]:
+    """Arrays with the rows of others in their places; those beyond the end are left out."""
+    return jax.tree.map(lambda x, rows: x.at[place].set(rows, mode="drop"), arrays, others)
 
 
 @specialised_for_any_tool

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from niryo_jax.lanes.scalar import Lane, Lanes
+from niryo_jax.lanes.scalar import Lane, Lanes, materialise
 
 
 def lanes_in(array: jax.Array) -> Lanes:
@@ -27,12 +27,23 @@ def stacked(lanes: Lanes, like: jax.Array) -> jax.Array:
 
 def times(matrix: jax.Array, vector: jax.Array) -> jax.Array:
     """(m, n, r) (n, r) -> (m, r)."""
-    return jnp.stack([_sum([a * x for a, x in zip(row, vector)]) for row in matrix])
+    return _sum([matrix[:, j] * vector[j] for j in range(len(vector))])
 
 
 def transposed_times(matrix: jax.Array, vector: jax.Array) -> jax.Array:
     """(m, n, r) (m, r) -> (n, r)."""
-    return times(jnp.swapaxes(matrix, 0, 1), vector)
+    return _sum([matrix[i] * vector[i] for i in range(len(vector))])
+
+
+def squared(matrix: jax.Array) -> jax.Array:
+    """(m, n, r) -> (n, n, r): A^T A."""
+    rows = [matrix[i] for i in range(len(matrix))]
+    return kept(_sum([row[:, None] * row[None] for row in rows]))
+
+
+def kept(array: jax.Array, by: jax.Array | None = None) -> jax.Array:
+    """`materialise` of an array: what each entry of a product reads is not worked out for each."""
+    return materialise(Lane(array), None if by is None else Lane(by)).array
 
 
 def _sum(terms: list[jax.Array]) -> jax.Array:

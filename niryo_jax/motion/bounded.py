@@ -16,16 +16,14 @@ The batch is the last axis of every array.
 
 from __future__ import annotations
 
-import functools
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.lanes import Lane, Lanes
-from niryo_jax.lanes.batch_last import lanes_in, stacked, times, transposed_times
+from niryo_jax.lanes.batch_last import kept, lanes_in, squared, stacked, times, transposed_times
 from niryo_jax.lanes.symmetric import Factor, factor, solved
 from niryo_jax.tolerances import PROXIMAL, PROXIMAL_REDUNDANT, ROUNDING_OF_SLOPE
 
@@ -59,11 +57,13 @@ class Problem(NamedTuple):
 
     def residual(self, x: jax.Array) -> jax.Array:
         """(m, r) b - A x."""
-        return self.rhs - times(self.matrix, x)
+        return kept(self.rhs - times(self.matrix, x))
 
     def slope(self, x: jax.Array) -> jax.Array:
         """(n, r) half the derivative of the objective."""
-        return self.square * (x - self.centre) - transposed_times(self.matrix, self.residual(x))
+        return kept(
+            self.square * (x - self.centre) - transposed_times(self.matrix, self.residual(x))
+        )
 
 
 @jax.custom_jvp
@@ -97,7 +97,7 @@ def bounded_least_squares(problem: Problem) -> tuple[jax.Array, jax.Array]:
     """
     hessian, extra = _hessian(problem)
     n, rows = problem.centre.shape
-    largest = _largest(hessian)
+    largest = _largest(problem.matrix, problem.square)
     lower, upper = problem.lower, problem.upper
     number = jnp.arange(n)[:, None]
     first, advances = _solves(problem)
@@ -198,8 +198,9 @@ def _rate(problem: Problem, rate: Problem, x: jax.Array, held: jax.Array) -> jax
     y = x + solve(problem.slope(x) + extra * (x - problem.centre))
     given = jnp.where(held > 0, rate.upper, rate.lower)
     given = jnp.where(free, 0.0, given)
-    moved = rate.rhs - times(rate.matrix, y) - times(matrix, given)
-    slope = -transposed_times(rate.matrix, problem.residual(y)) - transposed_times(matrix, moved)
+    residual = problem.residual(y)
+    moved = kept(rate.rhs - times(rate.matrix, y) - times(matrix, given), by=residual)
+    slope = -transposed_times(rate.matrix, residual) - transposed_times(matrix, moved)
     slope = slope + rate.square * (y - problem.centre) - square * rate.centre
     return given + solve(slope)
 
@@ -207,8 +208,7 @@ def _rate(problem: Problem, rate: Problem, x: jax.Array, held: jax.Array) -> jax
 def optimality(problem: Problem, x: jax.Array) -> jax.Array:
     """(r,) by how much x misses the conditions of Karush, Kuhn and Tucker: the largest entry of
     x - clip(x - slope / L), which is 0 at an optimum alone; L is the largest diagonal of A^T A."""
-    hessian, _ = _hessian(problem)
-    stepped = x - problem.slope(x) / _largest(hessian)
+    stepped = x - problem.slope(x) / _largest(problem.matrix, problem.square)
     return jnp.max(jnp.abs(x - jnp.clip(stepped, problem.lower, problem.upper)), axis=0)
 
 
@@ -222,16 +222,14 @@ def _solves(problem: Problem) -> tuple[int, int]:
 def _hessian(problem: Problem) -> tuple[Lanes, jax.Array]:
     """A^T A + s, and the small multiple (r,)."""
     m, n, _ = problem.matrix.shape
-    columns = lanes_in(problem.matrix).T
-    hessian = lanes.materialised(columns @ columns.T)
-    largest = _largest(hessian)
+    hessian = squared(problem.matrix)
     share = (PROXIMAL if m >= n else PROXIMAL_REDUNDANT).of(problem.matrix.dtype)
-    return _added(hessian, problem.square), share * largest
+    return _added(lanes_in(hessian), problem.square), share * _largest(problem.matrix, 0.0)
 
 
-def _largest(hessian: Lanes) -> jax.Array:
-    """(r,) the largest entry of the diagonal; 1 where it is 0."""
-    largest = functools.reduce(lanes.maximum, np.diag(hessian)).array
+def _largest(matrix: jax.Array, square: jax.Array | float) -> jax.Array:
+    """(r,) the largest entry of the diagonal of A^T A + s; 1 where it is 0."""
+    largest = jnp.max(jnp.sum(matrix * matrix, axis=0), axis=0) + square
     return jnp.where(largest > 0, largest, 1.0)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.lanes import Lane
-from niryo_jax.lanes.batch_last import lanes_in, stacked, times
+from niryo_jax.lanes.batch_last import lanes_in, squared, stacked, times
 from niryo_jax.lanes.symmetric import factor, least_eigenvalue, solved
 from niryo_jax.tolerances import APART_FROM_EIGENVALUE
 
@@ -24,8 +24,7 @@ def squared_smallest_value(matrix: jax.Array) -> jax.Array:
     """
     m, n = matrix.shape[:2]
     rows = matrix if m <= n else jnp.swapaxes(matrix, 0, 1)
-    entries = lanes_in(rows)
-    return _least(stacked(lanes.materialised(entries @ entries.T), rows[0, 0]))
+    return _least(squared(jnp.swapaxes(rows, 0, 1)))
 
 
 @jax.custom_jvp
