@@ -327,15 +327,15 @@ def value_at_root(numbers, robot, pose, q):
 
 @pytest.mark.completeness
 @pytest.mark.parametrize(
-    ("name", "most", "beyond"),
+    ("name", "far", "beyond"),
     [
         ("random", 200, 0.0),
-        ("ur16e", 1e4, 2e-3),
-        ("abb_irb120", 1e4, 2e-3),
-        ("niryo_one", 1e4, 2e-3),
+        ("ur16e", 2000, 2e-3),
+        ("abb_irb120", 2000, 2e-3),
+        ("niryo_one", 2000, 2e-3),
     ],
 )
-def test_g_vanishes_at_known_roots_but_for_its_noise(name, most, beyond):
+def test_g_vanishes_at_known_roots_but_for_its_noise(name, far, beyond):
     ratios = list[np.ndarray]()
     for seed in range(20):
         rng = np.random.default_rng([seed, 3])
@@ -350,8 +350,11 @@ def test_g_vanishes_at_known_roots_but_for_its_noise(name, most, beyond):
             numbers = closure.flattened(closure.closure_numbers(screws, way))
             ratios.append(np.asarray(value_at_root(numbers, robot, pose, q)))
     ratio = np.concatenate(ratios)
-    assert np.max(ratio) < most
     assert np.mean(ratio > POLYNOMIAL_NOISE) <= beyond
+    # How often rounding goes further falls with the square of how far: the largest of so many is
+    # of no fixed size.
+    assert np.mean(ratio > far) <= beyond / 10
+    assert np.max(ratio) < 100 * far
     # The estimate is of the right size, not large for safety.
     assert np.median(ratio) > 0.1
 
