@@ -37,6 +37,13 @@ AXES_PARALLEL = ByDtype(1e-9, 2e-6)
 AXES_MEET = ByDtype(1e-9, 2e-6)
 """Two axes meet where their distance (metres) is below this."""
 
+AXES_EXACT = 2e-14
+"""Axes that miss what they are taken for by less than this (metres, radians) are so to rounding."""
+
+AXES_OFF = 100.0
+"""An arm that is off what it is taken for moves the equations of its solutions by less than so many
+times as much (measured: 10 times, next to singular postures)."""
+
 AXES_NEARLY_MEET = 2e-3
 """Axes that should meet nearly do within this (metres): a millimetre is a badly made arm."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import itertools
 from collections.abc import Iterator, Sequence
@@ -29,6 +30,7 @@ from niryo_jax.structure.offset_wrist import (
     nearly_offset_wrist_axes,
     offset_wrist_arm,
 )
+from niryo_jax.structure.rounding import off_by
 from niryo_jax.tolerances import AXES_MEET
 
 _POSTURES = 64
@@ -62,7 +64,10 @@ def structure_of(screws: Any) -> Structure:
 @functools.lru_cache(maxsize=256)
 def _structure_of(numbers: bytes, shape: tuple[int, ...], dtype: type) -> Structure:
     screws = np.frombuffer(numbers, dtype).reshape(shape)
-    known, plans = known_numbers_of(screws), closed_form_plans(screws)
+    exact = off_by(screws) == 0
+    plans = closed_form_plans(screws)
+    plans = tuple(dataclasses.replace(plan, is_exact=bool(exact)) for plan in plans)
+    known = known_numbers_of(screws)
     ways = tuple[ByClosure, ...]()
     if set(joint_kinds(screws)) == {"revolute"}:
         if len(screws) == 6 and known is None and not plans:

@@ -221,12 +221,14 @@ class ClosedFormPlan:
         locked: the index of the joint that is to be locked; None where none is.
         periodic: True for each joint of what is left that returns to its place after 2 pi.
         locked_turns: the same of the joint that is locked.
+        is_exact: whether the arm is of the family to rounding (`structure.rounding`).
     """
 
     family: Family
     locked: int | None
     periodic: tuple[bool, ...]
     locked_turns: bool = False
+    is_exact: bool = True
 
     @property
     def by_arm_angle(self) -> bool:

@@ -25,7 +25,14 @@ from niryo_jax.structure.axes import (
     sine_between,
 )
 from niryo_jax.structure.conditions import is_offset_wrist
-from niryo_jax.tolerances import ARM_NUMBER, AXES_MEET, AXES_NEARLY_MEET, AXES_NEARLY_PARALLEL
+from niryo_jax.structure.rounding import off_by
+from niryo_jax.tolerances import (
+    ARM_NUMBER,
+    AXES_EXACT,
+    AXES_MEET,
+    AXES_NEARLY_MEET,
+    AXES_NEARLY_PARALLEL,
+)
 
 FIELDS: dict[str, tuple[int, ...]] = {
     "base": (3, 3),
@@ -46,6 +53,7 @@ FIELDS: dict[str, tuple[int, ...]] = {
     "upper_arm_angle": (2,),
     "elbow_angle": (2,),
     "turn_3": (),
+    "off": (),
 }
 """Name and shape of the numbers, in order: `niryo_jax.ik.offset_wrist.parameters` explains them."""
 
@@ -156,6 +164,7 @@ def arm_numbers(screws: Any, tool: Any, xp: ModuleType) -> Any:
         "upper_arm_angle": xp.stack([upper @ p1, upper @ p2]) / a,
         "elbow_angle": xp.stack([upper @ fore, e2 @ xp.cross(upper, fore)]) / (a * b),
         "turn_3": xp.sign(e2 @ e3),
+        "off": off_by(screws, xp) * (1.0 + 1.0 / xp.minimum(a, b)),
     }
     return xp.concatenate([xp.reshape(fields[name], (-1,)) for name in FIELDS])
 
@@ -164,7 +173,9 @@ def numbers_are_as_known(known: KnownNumbers, numbers: Any) -> Any:
     """Whether the numbers of a traced arm that are known are what they are taken for."""
     taken = [(i, x) for i, x in enumerate(known.entries) if x is not None]
     places, values = np.array([i for i, _ in taken]), np.array([x for _, x in taken])
-    return (abs(numbers[places] - values) < AXES_MEET.of(numbers.dtype)).all()
+    # What is off by anything is not what is exact.
+    limit = np.where(places == len(known.entries) - 1, AXES_EXACT, AXES_MEET.of(numbers.dtype))
+    return (abs(numbers[places] - values) < limit).all()
 
 
 def _plain_numbers(numbers: np.ndarray) -> tuple[float | None, ...]:

@@ -46,7 +46,7 @@ from niryo_jax.structure.families import (
     ThreeParallel,
     TwoTurnsTwoSlides,
 )
-from niryo_jax.tolerances import IK_POLISH
+from niryo_jax.tolerances import AXES_OFF, IK_POLISH
 
 
 def candidates(
@@ -54,12 +54,14 @@ def candidates(
     geometry: Geometry,
     target: Lanes,
     angle: Lane | None,
+    off: Lane,
     batch: int,
     dtype: np.dtype,
 ) -> Candidates:
     """The joint vectors of a batch of poses, (4, 4) lanes, that can be solutions.
 
-    `angle` is the arm angle of the family that is given one.
+    `angle` is the arm angle of the family that is given one, and `off` by how much the arm is not
+    of the family.
     """
     motion = compose(se3.split(target), se3.inverse_lanes(*se3.split(geometry.home)))
     motion = lanes.materialised(motion[0]), lanes.materialised(motion[1])
@@ -83,12 +85,19 @@ def candidates(
     # Where a pose has fewer freedoms than it has coordinates, only forward kinematics tells.
     every = geometry.joints < 6
     exists, singular = jnp.bool_(True), jnp.int32(Singularity.NONE)
+    merging = jnp.bool_(False)
+    moved = AXES_OFF * off
     for i, (name, of_equation) in enumerate(roots):
         # A double root of one equation is off by the square root of rounding, which makes it look
         # to another equation as if that had no root.
         others = [other.loose for j, (_, other) in enumerate(roots) if j != i]
         loose = functools.reduce(operator.or_, others, np.bool_(False))
-        exists = exists & (every | of_equation.exist | (of_equation.near & loose))
+        exist = of_equation.exist
+        if not off.is_known(0.0):
+            # Of the arm as it is, two roots that all but merge may be apart, or none.
+            merging = merging | (abs(of_equation.margin) <= moved)
+            exist = exist | (of_equation.margin >= -moved)
+        exists = exists & (every | exist | (of_equation.near & loose))
         named = name in (Singularity.WRIST, Singularity.SHOULDER)
         endless = name if named else Singularity.SELF_MOTION
         double = Singularity.MERGED if name is Singularity.SHOULDER else name
@@ -97,9 +106,11 @@ def candidates(
     periodic = tuple(isinstance(move, np.ndarray) for move in found)
     exists = jnp.broadcast_to(exists, (2,) * family.signs + (batch,))
     exists = different(exists, q, periodic, dtype)
+    merging = jnp.broadcast_to(merging, (2,) * family.signs + (batch,))
+    proved = ~jnp.any(merging.reshape(slots, batch), axis=0)
     exists, singular = (in_slots(x, (slots, batch)) for x in (exists, singular))
     label = jnp.broadcast_to(jnp.arange(slots, dtype=jnp.int32)[:, None], (slots, batch))
-    return Candidates(q, exists, label, singular, jnp.ones(batch, bool))
+    return Candidates(q, exists, label, singular, proved)
 
 
 def _spherical_wrist(

@@ -124,6 +124,8 @@ class Roots(NamedTuple):
         near: whether there would be roots if the equation were off by what another equation's
             loose root makes of rounding.
         loose: whether rounding moves the roots by much more than itself.
+        margin: how far two roots are from being one, and negative where there is none: the square
+            of about the sine of half the angle between them.
     """
 
     exist: Condition
@@ -131,11 +133,12 @@ class Roots(NamedTuple):
     free: Condition
     near: Condition
     loose: Condition
+    margin: Lane
 
 
 _YES, _NO = np.bool_(True), np.bool_(False)
 
-ONE_ROOT = Roots(exist=_YES, double=_NO, free=_NO, near=_YES, loose=_NO)
+ONE_ROOT = Roots(exist=_YES, double=_NO, free=_NO, near=_YES, loose=_NO, margin=Lane(1.0))
 """Of a linear equation."""
 
 Signs = Callable[[], Lane]

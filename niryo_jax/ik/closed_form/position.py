@@ -148,7 +148,9 @@ def circles(
         turn, roots = sinusoid_root(w @ x, w @ y, w @ (foot - k), signs(), scale)
     # About an axis through it, k turns and stays where it is.
     near = SINGULAR_ANGLE.of(jnp.result_type(scale.value))
-    roots = roots._replace(free=roots.free | (radius <= near * scale))
+    share = radius / scale
+    margin = lanes.minimum(roots.margin, share * share)
+    roots = roots._replace(free=roots.free | (radius <= near * scale), margin=margin)
     turn = lanes.materialised(turn)
     between = foot + turn[0] * x + turn[1] * y
     return turn_between(a.direction, between - a.point, k - a.point), turn, roots

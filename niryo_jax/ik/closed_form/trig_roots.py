@@ -53,7 +53,8 @@ def sinusoid_root(
     free = length <= rounding * scale
     exist = inside >= -rounding * (square + rounding * scale * scale)
     loose = inside <= LOOSE_ROOT * scale * scale
-    return turn, Roots(exist, inside <= (near * near) * square, free, close, loose)
+    margin = inside / (scale * scale)
+    return turn, Roots(exist, inside <= (near * near) * square, free, close, loose, margin)
 
 
 def quadratic_root(half: Lane, rest: Lane, sign: Lane | float, scale: Lane) -> tuple[Lane, Roots]:
@@ -72,4 +73,5 @@ def quadratic_root(half: Lane, rest: Lane, sign: Lane | float, scale: Lane) -> t
     exist = inside >= -rounding * square
     close = inside >= -DEGENERATE_ROOT.of(dtype) * square
     loose = inside <= LOOSE_ROOT * square
-    return root, Roots(exist, inside <= (near * near) * square, np.bool_(False), close, loose)
+    double = inside <= (near * near) * square
+    return root, Roots(exist, double, np.bool_(False), close, loose, inside / square)

@@ -104,7 +104,7 @@ class OffsetWrist:
         rows, dtype = goal.pose.shape[0], goal.pose.dtype
         circle = wrist_circle(self.arm, target)
         candidates = scan_candidates(self.arm, circle, rows, dtype)
-        return candidates, reason_out_of_reach(circle, rows, dtype)
+        return candidates, reason_out_of_reach(self.arm, circle, rows, dtype)
 
     def second_pass(self, goal: Goal, live: jax.Array, limits: Limits) -> Answer:
         """By subdivision."""
@@ -117,6 +117,7 @@ class ClosedForm:
 
     whole: Geometry
     plan: ClosedFormPlan
+    off: Lane
     tolerance: jax.Array
 
     @property
@@ -140,7 +141,9 @@ class ClosedForm:
         """In closed form; there is no other proof than that it has no root."""
         rows, dtype = goal.pose.shape[0], goal.pose.dtype
         angle = Lane(goal.held[:, 0]) if self.plan.by_arm_angle else None
-        candidates = families.candidates(self.plan.family, geometry, target, angle, rows, dtype)
+        candidates = families.candidates(
+            self.plan.family, geometry, target, angle, self.off, rows, dtype
+        )
         return candidates, jnp.full(rows, UnreachableReason.NONE, jnp.int32)
 
     def second_pass(self, goal: Goal, live: jax.Array, limits: Limits) -> Answer:
@@ -217,11 +220,12 @@ def algorithm_for(
         structure: what is known of it while tracing.
         geometry: the arm.
         numbers: the other numbers of an offset-wrist arm, those of each way of elimination of a
-            general one, and none of others.
+            general one, and of a closed form by how much an arm is off that is not exact.
         tolerance: metres and radians by which an arm of fewer than six joints may miss a pose.
     """
     if isinstance(structure, ClosedFormPlan):
-        return ClosedForm(geometry, structure, tolerance)
+        off = Lane(0.0) if structure.is_exact else Lane(numbers[0])
+        return ClosedForm(geometry, structure, off, tolerance)
     if isinstance(structure, ByClosure):
         return GeneralArm(geometry, structure, numbers)
     return OffsetWrist(geometry, parameters_from(structure, list(numbers)))

@@ -58,7 +58,7 @@ def by_subdivision(
     """The answers of poses (rows, 4, 4) of an offset-wrist arm: roots with a proof, polished."""
     rows, dtype = target.shape[0], target.dtype
     circle = wrist_circle(arm, lanes.contiguous_lanes(target, 2))
-    unreachable = reason_out_of_reach(circle, rows, dtype)
+    unreachable = reason_out_of_reach(arm, circle, rows, dtype)
     circles = lanes.RecordRows(circle, rows, dtype)
     roots = find_roots(arm, circles, live & (unreachable == UnreachableReason.NONE))
     periodic = (True,) * geometry.joints
@@ -82,6 +82,9 @@ def by_subdivision(
     # With the wrist near the shoulder, but not at it, what is found from there is somewhere else.
     away = jnp.max(jnp.abs(without_whole_turns(solved.q - before, periodic)), axis=-1) > _AWAY
     lost = lost | (real & away & (roots.kind == FOLDED))
+    if not arm.off.is_known(0.0):
+        # Of the arm as it is, two roots that touch may be two that are apart, or none.
+        lost = lost | (real & ((roots.kind == TOUCHING) | endless))
 
     def different(size: int) -> tuple[jax.Array, jax.Array]:
         owner = jnp.where(good, roots.pose, rows)[:size]
@@ -144,7 +147,7 @@ def by_polish(
         lost = possible & ~found
     vectors = JointVectors(q, found, position, rotation, label, candidates.singularity.T)
     unreachable = jnp.full(rows, UnreachableReason.NONE, jnp.int32)
-    proved = ~jnp.any(lost, axis=1)
+    proved = candidates.proved & ~jnp.any(lost, axis=1)
     return Answer(rank(vectors, limits, periodic, slots), unreachable, proved)
 
 

@@ -13,6 +13,7 @@ from jax.typing import DTypeLike
 from niryo_jax import lanes
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.structure.offset_wrist import FIELDS, KnownNumbers
+from niryo_jax.tolerances import AXES_OFF
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,6 +39,8 @@ class OffsetWristParameters:
         upper_arm_angle: cosine and sine of the angle of the upper arm from P1 at home.
         elbow_angle: cosine and sine of the angle from upper arm to forearm at home.
         turn_3: 1 where axis 3 points as axis 2 does, -1 where it points back.
+        off: how far the axes are from lying so, in radians and shares of the shorter link
+            (`structure.rounding`).
         is_far: whether axis 6 passes the wrist point far off (`KnownNumbers`).
     """
 
@@ -59,12 +62,19 @@ class OffsetWristParameters:
     upper_arm_angle: Lanes
     elbow_angle: Lanes
     turn_3: Lane
+    off: Lane
     is_far: bool
 
     @property
     def is_planar(self) -> bool:
         """Whether upper arm and forearm move in a plane that contains axis 1."""
         return self.sideways.is_known(0.0) and self.shoulder_angle[0].is_known(0.0)
+
+    @property
+    def moved(self) -> Lane:
+        """How far the condition can be from that of the arm as it is, where its joints are regular;
+        known to be 0 for an arm that is exact."""
+        return AXES_OFF * self.off
 
     def astype(self, dtype: DTypeLike) -> OffsetWristParameters:
         """The same numbers in a dtype."""

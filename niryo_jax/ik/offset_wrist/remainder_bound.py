@@ -163,12 +163,15 @@ def pose_rounding(
         given: the dtype in which the pose is given.
     """
     dtype = sin_elbow.array.dtype
-    share = AXIS_1_ROUNDING.of(dtype) * (arm.upper_arm + arm.forearm)
+    share = (AXIS_1_ROUNDING.of(dtype) + arm.moved) * (arm.upper_arm + arm.forearm)
     known = lever > 0.0
     turn = lanes.select(known, share / lanes.select(known, lever, 1.0), 0.0)
-    turn = CONDITION_ROUNDING.of(dtype) + turn
+    turn = CONDITION_ROUNDING.of(dtype) + arm.moved + turn
     elbow = ELBOW_ROUNDING.of(given)
     least = float(jnp.finfo(given).eps) ** 0.5
+    if not arm.off.is_known(0.0):
+        least = lanes.sqrt(float(jnp.finfo(given).eps) + arm.moved)
+        return turn, turn + (elbow + arm.moved) / lanes.maximum(sin_elbow, least)
     if elbow / least < CONDITION_ROUNDING.of(dtype):
         # In a coarser dtype than that of the pose it is hardly more wherever the elbow is.
         return turn, turn + elbow / least

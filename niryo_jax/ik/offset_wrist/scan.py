@@ -91,7 +91,8 @@ def _are_all(
     """Whether the product of all branches has no more roots than there are brackets, each of which
     holds one, since f is farther from zero at the nodes than rounding can move it."""
     product = product_of_branches(arm, circle)
-    most, _ = most_roots(forms_on_arcs(product, _ARCS), product.margin)
+    margin = product.margin if arm.off.is_known(0.0) else product.margin + arm.moved.array
+    most, _ = most_roots(forms_on_arcs(product, _ARCS), margin)
     as_many = jnp.sum(most, axis=0) == jnp.sum(brackets.exists, axis=(0, 1), dtype=jnp.int32)
     return as_many & jnp.all(jnp.abs(nodes.f) > nodes.rounding, axis=(0, 1))
 

@@ -196,7 +196,9 @@ def _step(
         lanes.materialise(x, by=Lane(f_middle)).array for x in (bound.remainder, *allowed)
     )
     rounding = Rounding(*allowed)
-    touching = jnp.abs(f_middle) < jnp.maximum(SQUARE_ROOT_END, rounding.whole)
+    # Where the arm is off, an interval that is flat may be wide, and f vary by thrice as much.
+    whole = rounding.whole if arm.off.is_known(0.0) else 4.0 * rounding.whole
+    touching = jnp.abs(f_middle) < jnp.maximum(SQUARE_ROOT_END, whole)
     crossing = folded = jnp.zeros_like(live)
     if arm.is_planar:
         distance = lanes.materialise(found.from_axis_1 + arm.radius * 2.0 * reach)

@@ -123,9 +123,11 @@ def wrist_circle(arm: OffsetWristParameters, target: Lanes) -> WristCircle:
     )
 
 
-def reason_out_of_reach(circle: WristCircle, batch: int, dtype: np.dtype) -> jax.Array:
+def reason_out_of_reach(
+    arm: OffsetWristParameters, circle: WristCircle, batch: int, dtype: np.dtype
+) -> jax.Array:
     """(batch,) an `UnreachableReason`: whether every point of the circle is too far or too near."""
-    rounding = REACH_ROUNDING.of(dtype)
+    rounding = REACH_ROUNDING.of(dtype) + arm.moved
     far = jnp.broadcast_to(circle.excess > rounding, (batch,))
     near = jnp.broadcast_to(circle.shortfall > rounding, (batch,))
     codes = [jnp.int32(UnreachableReason.TOO_FAR), jnp.int32(UnreachableReason.TOO_NEAR)]
