@@ -201,12 +201,11 @@ def _first_pass(
         algorithm.slots,
         algorithm.sheets,
     )
-    lost = possible & ~near
+    lost = candidates.exists & ~near
     lost = lost & may_take_pose(geometry.joints, position, rotation, algorithm.tolerance)
     # Written out and kept, since a reduction does not vectorise and the truth is read twice.
-    some_lost = functools.reduce(operator.or_, lost)
-    some_lost = lanes.kept_truth(some_lost, goal.pose.dtype)
-    proved = ~reachable | (candidates.proved & ~some_lost)
+    some_lost = lanes.kept_truth(functools.reduce(operator.or_, lost), goal.pose.dtype)
+    proved = ~reachable | (candidates.proved & ~(some_lost & valid))
     return Answer(ranked, unreachable, proved)
 
 
