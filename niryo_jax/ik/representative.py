@@ -42,7 +42,7 @@ from niryo_jax.robot import Robot
 from niryo_jax.specialise import Geometry, specialised, specialised_for_any_tool
 from niryo_jax.tolerances import AT_REST
 
-_AT_ONCE, _FEW = 64, 64
+_AT_ONCE, _FEW = 16, 64
 _COMFORTABLE = 0.1
 _EXACT = 1e-9
 _OUTSIDE = 100.0

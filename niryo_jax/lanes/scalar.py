@@ -284,6 +284,14 @@ def _sqrt_jvp(primals: tuple[jax.Array], tangents: tuple[jax.Array]) -> tuple[ja
     return root, tangents[0] * per
 
 
+def reciprocal_root(x: Lane) -> Lane:
+    """1 / sqrt(x) of a positive lane.
+
+    XLA makes one operation of the reciprocal of a root, which does not vectorise on the CPU.
+    """
+    return sqrt(x) / x
+
+
 def materialise(lane: Lane, by: Lane | None = None) -> Lane:
     """The same lane, computed once and kept, where XLA would compute it again for each user.
 
@@ -303,6 +311,12 @@ def materialise(lane: Lane, by: Lane | None = None) -> Lane:
 def materialised(lanes: Lanes) -> Lanes:
     """`materialise` of every element."""
     return map_lanes(materialise, lanes)
+
+
+def kept_truth(condition: jax.Array, dtype: jax.typing.DTypeLike) -> jax.Array:
+    """A truth, worked out once for all who ask for it (`materialise`), as a number of a dtype."""
+    number = lax.select(condition, *(lax.full(condition.shape, x, dtype) for x in (1, 0)))
+    return materialise(Lane(number)).array > 0
 
 
 def contiguous_lanes(array: jax.Array, axes: int = 1) -> Lanes:

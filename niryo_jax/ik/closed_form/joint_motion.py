@@ -56,7 +56,7 @@ def turn_of(cos: Lane, sin: Lane) -> Lanes:
     square = cos * cos + sin * sin
     tiny = VANISHING_LENGTH.of(jnp.result_type(square.value)) ** 4
     some = square > tiny
-    per = lanes.select(some, 1.0 / lanes.sqrt(lanes.select(some, square, 1.0)), 0.0)
+    per = lanes.select(some, lanes.reciprocal_root(lanes.select(some, square, 1.0)), 0.0)
     return np.array([lanes.select(some, cos * per, 1.0), sin * per], dtype=object)
 
 

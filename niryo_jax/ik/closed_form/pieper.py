@@ -145,7 +145,7 @@ def _line(pair: Lanes, sign: Lane) -> Lanes:
         point = lanes.choose(larger, minors[:, i], point)
         most = lanes.select(larger, -minors[i, i], most)
     some = most > _TINY
-    per = lanes.select(some, 1.0 / lanes.sqrt(lanes.select(some, most, 1.0)), 0.0)
+    per = lanes.select(some, lanes.reciprocal_root(lanes.select(some, most, 1.0)), 0.0)
     rank_one = pair + lanes.hat(point * (per * sign))
     line, longest = rank_one[0], rank_one[0] @ rank_one[0]
     for row in rank_one[1:]:

@@ -127,4 +127,4 @@ def _is_short(vector: Lanes) -> lanes.Condition:
 def _unit(vector: Lanes) -> Lanes:
     square = vector @ vector
     none = square <= 0.0
-    return lanes.materialised(vector * (1.0 / lanes.sqrt(lanes.select(none, 1.0, square))))
+    return lanes.materialised(vector * lanes.reciprocal_root(lanes.select(none, 1.0, square)))

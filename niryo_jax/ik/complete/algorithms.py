@@ -65,6 +65,11 @@ class TwoPasses(Algorithm, Protocol):
         ...
 
     @property
+    def sheets(self) -> bool:
+        """Whether several solutions of a pose can have the same label."""
+        ...
+
+    @property
     def tolerance(self) -> jax.Array | float:
         """Metres and radians by which an arm of fewer than six joints may miss a pose."""
         ...
@@ -89,6 +94,7 @@ class OffsetWrist:
     arm: OffsetWristParameters
     periodic = (True,) * 6
     slots = SLOTS
+    sheets = True
     tolerance = 0.0
 
     def free_arm(self, held: jax.Array) -> Geometry:
@@ -119,6 +125,7 @@ class ClosedForm:
     plan: ClosedFormPlan
     off: Lane
     tolerance: jax.Array
+    sheets = False
 
     @property
     def periodic(self) -> tuple[bool, ...]:

@@ -7,6 +7,9 @@ pass at once, which makes a smaller program.
 
 from __future__ import annotations
 
+import functools
+import operator
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -196,10 +199,13 @@ def _first_pass(
         limits,
         algorithm.periodic,
         algorithm.slots,
+        algorithm.sheets,
     )
-    lost = possible & ~near
+    lost = candidates.exists & ~near
     lost = lost & may_take_pose(geometry.joints, position, rotation, algorithm.tolerance)
-    proved = ~reachable | (candidates.proved & ~jnp.any(lost, axis=0))
+    # Written out and kept, since a reduction does not vectorise and the truth is read twice.
+    some_lost = lanes.kept_truth(functools.reduce(operator.or_, lost), goal.pose.dtype)
+    proved = ~reachable | (candidates.proved & ~(some_lost & valid))
     return Answer(ranked, unreachable, proved)
 
 

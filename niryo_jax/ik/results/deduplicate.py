@@ -12,7 +12,7 @@ import numpy as np
 from niryo_jax import lanes
 from niryo_jax.execution.compaction import running_count
 from niryo_jax.ik.results.limits import without_whole_turns
-from niryo_jax.lanes import Lanes
+from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.tolerances import SAME_SOLUTION
 
 
@@ -84,28 +84,40 @@ def _repeats(q: jax.Array, owner: jax.Array) -> jax.Array:
 
 
 def different(
-    exists: jax.Array, q: Lanes, periodic: tuple[bool, ...], dtype: np.dtype
+    exists: jax.Array, q: Lanes, periodic: tuple[bool, ...], shape: tuple[int, ...], dtype: np.dtype
 ) -> jax.Array:
     """The candidates that exist, but for those that are the same as another one.
 
     Args:
-        exists: (2, ..., 2, batch), an axis for each sign.
-        q: n lanes that broadcast to this shape. Where two candidates that differ in one sign alone
+        exists: what broadcasts to the shape.
+        q: n lanes that broadcast to the shape. Where two candidates that differ in one sign alone
             are the same, the later is left out.
         periodic: n flags, True for a joint that returns to its place after 2 pi.
+        shape: (2, ..., 2, batch), an axis for each sign.
         dtype: of the computation.
     """
-    out = exists
-    for axis in range(exists.ndim - 1):
-        first, second = jnp.take(exists, 0, axis), jnp.take(exists, 1, axis)
-        same = first & second
+    # As numbers, which are kept; truths would be worked out again for each slice.
+    number = lanes.materialise(Lane(jnp.where(exists, jnp.ones((), dtype), 0.0))).array
+    number = jnp.broadcast_to(number, shape)
+    out = number > 0
+    for axis in range(len(shape) - 1):
+        farthest = jnp.zeros((), dtype)
         for lane, turns in zip(q, periodic):
-            value = jnp.broadcast_to(lane.array, exists.shape)
-            apart = jnp.abs(jnp.take(value, 1, axis) - jnp.take(value, 0, axis))
+            first, second = _halves(jnp.broadcast_to(lane.array, shape), axis)
+            apart = jnp.abs(second - first)
             apart = jnp.minimum(apart, 2 * np.pi - apart) if turns else apart
-            same = same & (apart < SAME_SOLUTION.of(dtype))
-        out = out & ~jnp.stack([jnp.zeros_like(same), same], axis=axis)
+            farthest = jnp.maximum(farthest, apart)
+        first, second = _halves(number, axis)
+        same = jnp.where(farthest < SAME_SOLUTION.of(dtype), first * second, 0.0)
+        same = jnp.expand_dims(lanes.materialise(Lane(same)).array, axis)
+        later = jax.lax.broadcasted_iota(jnp.int32, shape, axis) > 0
+        out = out & ~((same > 0) & later)
     return out
+
+
+def _halves(x: jax.Array, axis: int) -> list[jax.Array]:
+    # `jnp.take` would look at whether the index is one of the array's.
+    return [jax.lax.index_in_dim(x, i, axis, keepdims=False) for i in (0, 1)]
 
 
 def duplicates(q: jax.Array, converged: jax.Array, periodic: tuple[bool, ...]) -> jax.Array:

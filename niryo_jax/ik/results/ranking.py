@@ -121,10 +121,11 @@ def rank_lanes(
     limits: Limits,
     periodic: tuple[bool, ...],
     slots: int,
+    sheets: bool,
 ) -> Ranked:
     """`rank` on lanes, of a few candidates (slots first, or for `in_slots`) of each pose.
 
-    A `label` of `branch_label` that is met again counts as one more sheet: 8 is added to it.
+    With `sheets`, a `label` that is met again counts as one more sheet: 8 is added to it.
     """
     count, dtype = found.shape[0], errors[0].dtype
     rounding = LIMIT_ROUNDING.of(dtype)
@@ -154,14 +155,20 @@ def rank_lanes(
     def as_number(truth: jax.Array) -> jax.Array:
         return jnp.where(truth, jnp.ones((), dtype), jnp.zeros((), dtype))
 
-    rank = tally(lambda i: (worth[i] > worth) | ((worth[i] == worth) & (i < number)))
-    rank = jnp.where(found, rank, count)
     label = label.astype(dtype)
-    sheet = tally(lambda i: (label[i] == label) & (worth[i] > -jnp.inf) & (i < number))
+    if sheets:
+        earlier = tally(lambda i: (label[i] == label) & (worth[i] > -jnp.inf) & (i < number))
+        label = label + 8 * earlier
     within = worth >= -_allowance(singularity, dtype)
     # One small number for all that is not a real one.
-    code = label + 8 * sheet + 1 + 256 * singularity.astype(dtype)
+    code = label + 1 + 256 * singularity.astype(dtype)
     code = code + 4096 * as_number(found) + 8192 * as_number(within)
+    code = lanes.materialise(Lane(code)).array
+    # What is kept must be read twice: here, so that the code is not worked out where it is copied
+    # to the table, element by element.
+    found = code >= 4096
+    rank = tally(lambda i: (worth[i] > worth) | ((worth[i] == worth) & (i < number)))
+    rank = lanes.materialise(Lane(jnp.where(found, rank, count))).array
     fields = [*angles, *errors, code]
     batch = found.shape[1]
     table = jnp.stack([x.reshape(-1) for x in fields], axis=-1)
@@ -169,15 +176,17 @@ def rank_lanes(
     table = jnp.concatenate([table, nothing[None]])
     filled = min(count, slots)
     place = jnp.arange(filled, dtype=dtype)[:, None]
-    slot = tally(lambda i: rank[i] == place, weight=1).astype(jnp.int32)
-    row = jnp.where(slot > 0, (slot - 1) * batch + jnp.arange(batch), count * batch)
+    slot = lanes.materialise(Lane(tally(lambda i: rank[i] == place, weight=1))).array
+    full = slot > 0
+    row = (slot.astype(jnp.int32) - 1) * batch + jnp.arange(batch)
+    row = jnp.where(full, row, count * batch)
     ordered = table[row.T]
     empty = jnp.broadcast_to(nothing, (batch, slots - filled, len(nothing)))
     ordered = jnp.concatenate([ordered, empty], axis=1) if empty.shape[1] else ordered
     code = ordered[..., -1].astype(jnp.int32)
     return Ranked(
         q=ordered[..., : len(angles)],
-        found=code >= 4096,
+        found=jnp.pad(full.T, ((0, 0), (0, slots - filled))),
         within=code >= 8192,
         position_error=ordered[..., -3],
         rotation_error=ordered[..., -2],
