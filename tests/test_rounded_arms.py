@@ -1,6 +1,7 @@
 """Arms whose axes lie in a special way but for rounded numbers: solved as if they did, and proved
 only as they are."""
 
+import dataclasses
 import functools
 
 import jax
@@ -10,7 +11,7 @@ from arms import off_by as moved_by
 from arms import posed
 
 import niryo_jax as nj
-from benchmarks import singular
+from benchmarks import honesty, singular
 from niryo_jax.structure.rounding import off_by
 from niryo_jax.tolerances import AXES_EXACT
 
@@ -68,3 +69,12 @@ def test_next_to_singular_postures_nothing_is_proved_falsely(name, off):
         answer = nj.inverse_kinematics(robot, posed(robot, q), method="complete")
         assert not np.any(np.asarray(answer.complete) & ~made_by(answer, q))
         assert not np.any(np.asarray(answer.status) == nj.IKStatus.UNREACHABLE)
+
+
+@pytest.mark.parametrize("off", [1e-11, 3e-10])
+def test_what_is_just_within_reach_is_not_out_of_it(off):
+    nominal = nj.robots.load("niryo_one")
+    screws = honesty.off(nominal, off, np.random.default_rng(3))
+    robot = dataclasses.replace(nominal, screws=screws)
+    counts = honesty.judged(honesty.Case("rounded", robot, searched=True), 200, 1)
+    assert [counts[key] for key in honesty.FALSE] == [0, 0, 0]

@@ -31,7 +31,12 @@ from niryo_jax.ik.offset_wrist.subdivision import (
     find_roots,
     posture_of,
 )
-from niryo_jax.ik.offset_wrist.wrist_circle import WristCircle, reason_out_of_reach, wrist_circle
+from niryo_jax.ik.offset_wrist.wrist_circle import (
+    WristCircle,
+    may_just_reach,
+    reason_out_of_reach,
+    wrist_circle,
+)
 from niryo_jax.ik.results.candidates import Candidates, JointVectors, in_slots
 from niryo_jax.ik.results.deduplicate import distinct, duplicates
 from niryo_jax.ik.results.limits import Limits, without_whole_turns
@@ -109,6 +114,7 @@ def by_subdivision(
     )
     q, position, rotation, label = (x[taken] for x in solved)
     vectors = JointVectors(q, table >= 0, position, rotation, label, singularity)
+    incomplete = incomplete | may_just_reach(arm, circle)
     proved = (unreachable != UnreachableReason.NONE) | (roots.complete & ~incomplete)
     return Answer(rank(vectors, limits, periodic, slots), unreachable, proved)
 

@@ -22,7 +22,7 @@ from niryo_jax.ik.offset_wrist.posture import (
     joint_angles,
 )
 from niryo_jax.ik.offset_wrist.product import product_of_branches
-from niryo_jax.ik.offset_wrist.wrist_circle import WristCircle
+from niryo_jax.ik.offset_wrist.wrist_circle import WristCircle, may_just_reach
 from niryo_jax.ik.results.candidates import Candidates
 from niryo_jax.ik.trig_polynomial import forms_on_arcs, most_roots
 from niryo_jax.tolerances import SECANT
@@ -64,6 +64,7 @@ def scan_candidates(
         f, sure = condition.scan(rough, rough_circle, batch, np.float32, dtype)
         brackets, all_changes = _brackets(f, most)
         proved = all_changes & jnp.all(sure, axis=(0, 1))
+    proved = proved & ~may_just_reach(arm, circle)
     slots = 4 * most
     brackets = _Brackets(*(x.reshape(slots, batch) for x in brackets))
     signs = condition.branch_signs(jnp.tile(jnp.arange(4), most)[:, None], np.float32)

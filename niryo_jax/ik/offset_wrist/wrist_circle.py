@@ -132,3 +132,12 @@ def reason_out_of_reach(
     near = jnp.broadcast_to(circle.shortfall > rounding, (batch,))
     codes = [jnp.int32(UnreachableReason.TOO_FAR), jnp.int32(UnreachableReason.TOO_NEAR)]
     return jnp.select([far, near], codes, jnp.int32(UnreachableReason.NONE))
+
+
+def may_just_reach(arm: OffsetWristParameters, circle: WristCircle) -> jax.Array:
+    """(batch,) whether an arm that is off may reach what is just within or out of the reach of the
+    arm that it is taken for: a part of the circle so small tells nothing."""
+    if arm.off.is_known(0.0):
+        return jnp.bool_(False)
+    edge = lanes.maximum(circle.excess, circle.shortfall)
+    return jnp.asarray(edge > -1.0 * arm.moved)
