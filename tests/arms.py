@@ -109,3 +109,15 @@ def search(
         if all(apart(robot, candidate, other) > 1e-5 for other in found):
             found.append(candidate)
     return found
+
+
+def turned_apart(a: object, b: np.ndarray) -> np.ndarray:
+    """(...,) the farthest of the joints of (..., n), up to whole turns."""
+    return np.abs((np.asarray(a) - b + np.pi) % (2 * np.pi) - np.pi).max(axis=-1)
+
+
+def has(answer: nj.IKSolutions, q: np.ndarray, within: float = 1e-5) -> np.ndarray:
+    """(...,) whether joint vectors (..., n) are among the solutions."""
+    return np.any(
+        (turned_apart(answer.q, q[..., None, :]) < within) & np.asarray(answer.found), axis=-1
+    )

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from arms import check_closes, off_by, posed
+from arms import check_closes, has, off_by, posed, turned_apart
 from hypothesis import given
 from hypothesis import strategies as st
 from support import random_robot
@@ -28,15 +28,6 @@ from niryo_jax.structure import closure
 from niryo_jax.tolerances import POLYNOMIAL_NOISE
 
 POSES = 256  # one shape, so one program, for most tests
-
-
-def apart(a, b):
-    return np.abs((np.asarray(a) - b + np.pi) % (2 * np.pi) - np.pi).max(axis=-1)
-
-
-def has(answer, q, within=1e-5):
-    """(...,) whether joint vectors (..., n) are among the solutions."""
-    return np.any((apart(answer.q, q[..., None, :]) < within) & np.asarray(answer.found), axis=-1)
 
 
 @functools.cache
@@ -95,7 +86,7 @@ def test_many_guesses_find_nothing_more(name, size):
     other = solve_multistart(robot, pose[few], starts=400)
     missing = np.asarray(other.found)
     for k in range(answer.q.shape[1]):
-        near = apart(other.q, np.asarray(answer.q)[few, None, k]) < 1e-5
+        near = turned_apart(other.q, np.asarray(answer.q)[few, None, k]) < 1e-5
         missing = missing & ~(near & np.asarray(answer.found)[few, None, k])
     assert not np.any(missing[np.asarray(answer.complete)[few]])
 
@@ -211,7 +202,7 @@ def test_an_arm_whose_polynomial_vanishes_is_never_proved(name):
     numbers = closure.numbers_of_ways(screws, closure.eliminations(screws))
     q = np.random.default_rng(4).uniform(-np.pi, np.pi, (64, 6))
     answer = solved_by_elimination(screws, robot.home, numbers, posed(robot, q))
-    near = apart(answer.solutions.q, q[:, None]) < 1e-5
+    near = turned_apart(answer.solutions.q, q[:, None]) < 1e-5
     assert np.all(np.any(near & np.asarray(answer.solutions.found), axis=1) | ~answer.proved)
 
 

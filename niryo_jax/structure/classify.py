@@ -30,7 +30,7 @@ from niryo_jax.structure.offset_wrist import (
     nearly_offset_wrist_axes,
     offset_wrist_arm,
 )
-from niryo_jax.structure.rounding import off_by
+from niryo_jax.structure.rounding import concrete_off_by
 from niryo_jax.tolerances import AXES_MEET
 
 _POSTURES = 64
@@ -64,9 +64,9 @@ def structure_of(screws: Any) -> Structure:
 @functools.lru_cache(maxsize=256)
 def _structure_of(numbers: bytes, shape: tuple[int, ...], dtype: type) -> Structure:
     screws = np.frombuffer(numbers, dtype).reshape(shape)
-    exact = off_by(screws) == 0
+    exact = concrete_off_by(screws) == 0
     plans = closed_form_plans(screws)
-    plans = tuple(dataclasses.replace(plan, is_exact=bool(exact)) for plan in plans)
+    plans = tuple(dataclasses.replace(plan, is_exact=exact) for plan in plans)
     known = known_numbers_of(screws)
     ways = tuple[ByClosure, ...]()
     if set(joint_kinds(screws)) == {"revolute"}:

@@ -59,7 +59,9 @@ FIELDS: dict[str, tuple[int, ...]] = {
 
 _ENDS = np.cumsum([math.prod(shape) for shape in FIELDS.values()])[:-1]
 
-_OF_TOOL = [name == "centre" for name, shape in FIELDS.items() for _ in range(math.prod(shape))]
+_NAMES = np.repeat(list(FIELDS), [math.prod(shape) for shape in FIELDS.values()])
+
+_OF_TOOL = _NAMES == "centre"
 """Which of the numbers say where the tool is."""
 
 _FAR = 0.1
@@ -174,7 +176,7 @@ def numbers_are_as_known(known: KnownNumbers, numbers: Any) -> Any:
     taken = [(i, x) for i, x in enumerate(known.entries) if x is not None]
     places, values = np.array([i for i, _ in taken]), np.array([x for _, x in taken])
     # What is off by anything is not what is exact.
-    limit = np.where(places == len(known.entries) - 1, AXES_EXACT, AXES_MEET.of(numbers.dtype))
+    limit = np.where(_NAMES[places] == "off", AXES_EXACT, AXES_MEET.of(numbers.dtype))
     return (abs(numbers[places] - values) < limit).all()
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import operator
 from types import ModuleType
 from typing import Any
 
@@ -37,11 +36,21 @@ def off_by(screws: Any, xp: ModuleType = np) -> Any:
     return xp.where(largest < AXES_EXACT, 0.0, largest)
 
 
+def concrete_off_by(screws: np.ndarray) -> float:
+    """`off_by` of data, computed once for each arm."""
+    return _concrete_off_by(screws.tobytes(), screws.dtype.type)
+
+
+@functools.lru_cache(maxsize=256)
+def _concrete_off_by(screws: bytes, dtype: type) -> float:
+    return float(off_by(np.frombuffer(screws, dtype).reshape(-1, 6)))
+
+
 def _sizes(first: Any, second: Any, xp: ModuleType) -> list[tuple[Any, float]]:
     """What would be zero of a pair of axes that lie in a special way, and what is taken for it."""
     parallel, meet = AXES_PARALLEL.of(first.dtype), AXES_MEET.of(first.dtype)
     turns = [xp.any(screw[:3] != 0) for screw in (first, second)]
-    both = operator.and_(*turns)
+    both = turns[0] & turns[1]
     pair = zip(turns, (first, second))
     one, other = (xp.where(turn, screw[:3], screw[3:]) for turn, screw in pair)
     # Of two turns, the angle between axes is a number like any other.

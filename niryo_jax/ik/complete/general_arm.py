@@ -16,13 +16,12 @@ import jax.numpy as jnp
 from niryo_jax import lanes
 from niryo_jax.execution.compaction import at_once, for_each_chunk
 from niryo_jax.execution.padding import is_small
-from niryo_jax.ik.complete.polish import MOST
-from niryo_jax.ik.general.elimination import kept
+from niryo_jax.ik.complete.polish import MOST, is_rough
 from niryo_jax.ik.general.isolation import A_LITTLE, FAR, Effort, Roots, isolated, refined
 from niryo_jax.ik.general.polynomial import Equations, equations_and_polynomial
 from niryo_jax.ik.general.recovery import joint_vectors
 from niryo_jax.ik.newton import rolled
-from niryo_jax.ik.newton.pose_error import extent, near_twist, pose_errors, within_tolerance
+from niryo_jax.ik.newton.pose_error import extent, pose_errors, small_twist, within_tolerance
 from niryo_jax.ik.results.candidates import JointVectors
 from niryo_jax.ik.results.deduplicate import distinct
 from niryo_jax.ik.results.limits import Limits, without_whole_turns
@@ -31,9 +30,10 @@ from niryo_jax.ik.results.status import Singularity, UnreachableReason
 from niryo_jax.ik.trig_polynomial import Polynomial
 from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes import Lane, Lanes
+from niryo_jax.lanes.batch_last import kept
 from niryo_jax.specialise import Geometry
 from niryo_jax.structure.closure import ClosureNumbers, unflattened
-from niryo_jax.tolerances import DEPENDENT_ROW, IK_POLISH
+from niryo_jax.tolerances import DEPENDENT_ROW
 
 _PART = 256
 _RECOVERED, _IMPROVED = 256, 128
@@ -180,12 +180,8 @@ def _joint_vectors(
     chunk = min(room, max(min(at_once(_RECOVERED, room), _ROOTS_OF_A_POSE * rows), 16))
     solved = for_each_chunk(real, chunk, recover, jnp.zeros((8, room), goal.dtype))
     # Most are exact to rounding as they are.
-    rough = real & _is_rough(solved)
+    rough = real & is_rough(*solved[6:])
     return for_each_chunk(rough, min(chunk, at_once(_IMPROVED, room)), improve, solved)
-
-
-def _is_rough(solved: jax.Array) -> jax.Array:
-    return ~(jnp.maximum(solved[6], solved[7]) <= IK_POLISH.of(solved.dtype))
 
 
 def _improved(
@@ -198,7 +194,7 @@ def _improved(
 
     def step(state: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
         count, q, best = state
-        rough = _is_rough(best)
+        rough = is_rough(*best[6:])
         q = kept(q + jnp.clip(newton_step(geometry, goal, q), -_LARGEST_STEP, _LARGEST_STEP))
         new = jnp.concatenate([q, jnp.stack(missed(geometry, goal, q))])
         # A root that is done stays as it is, however long its neighbours take.
@@ -207,7 +203,7 @@ def _improved(
 
     def goes_on(state: tuple[jax.Array, ...]) -> jax.Array:
         count, _, best = state
-        return (count < steps) & jnp.any(_is_rough(best))
+        return (count < steps) & jnp.any(is_rough(*best[6:]))
 
     return jax.lax.while_loop(goes_on, step, (jnp.int32(0), solved[:6], solved))[2]
 
@@ -229,7 +225,7 @@ def _fast_step(geometry: Geometry, goal: Lanes, q: jax.Array) -> jax.Array:
     """The same by a program that is fast."""
     angles = lanes.lanes_of([Lane(x) for x in q])
     pose, jacobian = pose_and_jacobian(geometry, angles, "body", materialise=True)
-    twist, jacobian = lanes.materialised(near_twist(pose, goal)), lanes.materialised(jacobian)
+    twist, jacobian = lanes.materialised(small_twist(pose, goal)), lanes.materialised(jacobian)
     move = lanes.solve(jacobian, twist, 0.0, DEPENDENT_ROW.of(q.dtype))
     return jnp.stack([jnp.broadcast_to(x.array, q.shape[1:]) for x in move])
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -47,6 +46,12 @@ def chunk_of(rows: int, on_a_core: int, on_accelerator: int) -> int:
     return min(at_once(on_a_core, on_accelerator), MOST * rows)
 
 
+def is_rough(position: jax.Array, rotation: jax.Array) -> jax.Array:
+    """Whether metres and radians missed are more than rounding."""
+    tolerance = IK_POLISH.of(position.dtype)
+    return (position > tolerance) | (rotation > tolerance)
+
+
 def polished(
     geometry: Geometry,
     target: jax.Array,
@@ -60,22 +65,16 @@ def polished(
     Levenberg and Marquardt, which goes back where a step leads away.
     """
     dtype, rows = solved.q.dtype, target.shape[0]
-    tolerance = IK_POLISH.of(dtype)
-    rough = (solved.position > tolerance) | (solved.rotation > tolerance)
-    rough = rough & (pose < rows)
+    rough = is_rough(*solved.errors) & (pose < rows)
     few = geometry.joints < 6
 
     def polish(state: Solved, at: jax.Array, live: jax.Array) -> Solved:
         row = jnp.minimum(pose[at], rows - 1)
         goal, its = lanes.unpack(target[row], 2), geometry.at(row)
 
-        def is_rough(best: Sequence[jax.Array]) -> jax.Array:
-            _, position, rotation = best
-            return live & ((position > tolerance) | (rotation > tolerance))
-
         def goes_on(carry: tuple[jax.Array, ...]) -> jax.Array:
             count, _, _, *best = carry
-            return (count < steps) & jnp.any(is_rough(best))
+            return (count < steps) & jnp.any(live & is_rough(*best[1:]))
 
         def step(carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
             count, q, damping, *best = carry
@@ -89,7 +88,7 @@ def polished(
             # Next to a self-motion rounding alone moves joints far, and misses by no less.
             better = miss <= least if few else miss < _WORTH_IT * least
             # A root that is done stays as it is, however long its neighbours take.
-            better = better & is_rough(best)
+            better = better & live & is_rough(*best[1:])
             best = [jnp.where(better, x, y) for x, y in zip((q, position, rotation), best)]
             damping = damping * jnp.where(better, 1.0 / _DAMPING_FACTOR, _DAMPING_FACTOR)
             return count + 1, best[0] if few else q, damping, *best

@@ -11,13 +11,7 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 
-from niryo_jax import lanes
-from niryo_jax.lanes import Lane
-
-
-def kept(array: jax.Array) -> jax.Array:
-    """`lanes.materialise` of an array."""
-    return lanes.materialise(Lane(array)).array
+from niryo_jax.lanes.batch_last import kept
 
 
 def eliminated(rows: Sequence[jax.Array], least: float = 0.0) -> tuple[list[jax.Array], jax.Array]:

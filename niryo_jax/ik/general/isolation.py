@@ -28,6 +28,7 @@ from niryo_jax.ik.trig_polynomial import (
     most_roots,
 )
 from niryo_jax.lanes import Lane
+from niryo_jax.lanes.batch_last import kept
 
 _ARCS = 32
 _WIDTH = 128
@@ -143,7 +144,7 @@ def _step(margin: jax.Array, width: int, effort: Effort, state: _State) -> _Stat
     """Halve the top arcs; push what is still open."""
     start = jnp.maximum(state.size - width, 0)
     # What reads the stack itself must be done with it before it is written, or it is copied.
-    items = lanes.materialise(Lane(jax.lax.dynamic_slice_in_dim(state.arcs, start, width))).array
+    items = kept(jax.lax.dynamic_slice_in_dim(state.arcs, start, width))
     live = start + jnp.arange(width) < state.size
     owner, low, high, bound = items[:, 0].astype(jnp.int32), items[:, 1], items[:, 2], items[:, 3:6]
     most = bound[:, 2].astype(jnp.int32)

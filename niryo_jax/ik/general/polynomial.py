@@ -18,9 +18,10 @@ import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.execution.compaction import at_once
-from niryo_jax.ik.general.elimination import eliminated, kept, solved
+from niryo_jax.ik.general.elimination import eliminated, solved
 from niryo_jax.ik.trig_polynomial import Polynomial, interpolated, nodes
 from niryo_jax.lanes import Lane, Lanes
+from niryo_jax.lanes.batch_last import kept
 from niryo_jax.lie import se3, so3
 from niryo_jax.specialise import Geometry
 from niryo_jax.structure.closure import COLUMNS, NODES, ClosureNumbers

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from niryo_jax import lanes
-from niryo_jax.ik.general.elimination import eliminated, kept, solved
+from niryo_jax.ik.general.elimination import eliminated, solved
 from niryo_jax.ik.general.polynomial import (
     Equations,
     at_angle,
@@ -15,6 +15,7 @@ from niryo_jax.ik.general.polynomial import (
     smallest,
 )
 from niryo_jax.lanes import Lane
+from niryo_jax.lanes.batch_last import kept
 from niryo_jax.structure.closure import ClosureNumbers
 
 _START = 1.0, 0.7, -0.9, 0.8, 1.1, -0.6

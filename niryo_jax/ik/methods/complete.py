@@ -34,7 +34,7 @@ from niryo_jax.structure.closure import (
 )
 from niryo_jax.structure.families import ClosedFormPlan
 from niryo_jax.structure.offset_wrist import KnownNumbers, arm_numbers, concrete_numbers
-from niryo_jax.structure.rounding import off_by
+from niryo_jax.structure.rounding import concrete_off_by, off_by
 from niryo_jax.tolerances import ANSWERED
 
 Locked = tuple[int, ArrayLike]
@@ -141,9 +141,9 @@ class CompleteSolver:
         if isinstance(self.structure, ClosedFormPlan):
             if self.structure.is_exact:
                 return np.zeros(0)
-            concrete = is_concrete(robot.screws)
-            screws = np.asarray(robot.screws) if concrete else robot.screws
-            return (np if concrete else jnp).reshape(off_by(screws, np if concrete else jnp), (1,))
+            if is_concrete(robot.screws):
+                return np.array([concrete_off_by(np.asarray(robot.screws))])
+            return off_by(robot.screws, jnp)[None]
         if isinstance(self.structure, ByClosure):
             screws = self.structure.left(robot.screws)
             if is_concrete(screws):
@@ -209,8 +209,9 @@ def _structure(robot: Robot, locked: Locked | None, by_arm_angle: bool) -> Struc
         )
     # A closed form is sooner than the scan.
     if fitting:
-        exact = fitting[0].is_exact and is_concrete(robot.screws)
-        return dataclasses.replace(fitting[0], is_exact=exact)
+        if is_concrete(robot.screws):
+            return fitting[0]
+        return dataclasses.replace(fitting[0], is_exact=False)
     if robot.offset_wrist is not None and joint is None:
         return robot.offset_wrist
     if robot.is_general and joint is None:

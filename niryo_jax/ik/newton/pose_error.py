@@ -99,7 +99,7 @@ def pose_difference(first: Motion, second: Motion) -> tuple[Lane, Lane]:
     return lanes.norm(first[1] - second[1]), lanes.norm(away) * math.sqrt(0.5)
 
 
-def near_twist(pose: Motion, goal: Lanes) -> Lanes:
+def small_twist(pose: Motion, goal: Lanes) -> Lanes:
     """The body twist (6,) from a pose to a goal, (4, 4) lanes, that it all but reaches.
 
     Half the difference of R and R^T stands for the logarithm of R: the two have the same derivative

@@ -16,8 +16,7 @@ import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.chain import Motion, joint_motion
-from niryo_jax.ik.newton.pose_error import near_twist as to_near
-from niryo_jax.ik.newton.pose_error import pose_difference
+from niryo_jax.ik.newton.pose_error import pose_difference, small_twist
 from niryo_jax.ik.task import Task
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lie import se3
@@ -119,9 +118,9 @@ def pose_errors(geometry: Geometry, goal: Lanes, q: jax.Array) -> Errors:
 def near_twist(
     geometry: Geometry, goal: Lanes, q: jax.Array
 ) -> tuple[jax.Array, jax.Array, Errors]:
-    """`pose_error.near_twist` (6, r), the body Jacobian (6, n, r), and `pose_errors`."""
+    """`pose_error.small_twist` (6, r), the body Jacobian (6, n, r), and `pose_errors`."""
     rotation, position, jacobian = pose_and_body_jacobian(geometry, q)
-    twist = to_near((rotation, position), goal)
+    twist = small_twist((rotation, position), goal)
     return _stacked(twist, q[0]), jacobian, _errors((rotation, position), goal, q[0])
 
 

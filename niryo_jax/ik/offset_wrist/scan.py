@@ -25,6 +25,7 @@ from niryo_jax.ik.offset_wrist.product import product_of_branches
 from niryo_jax.ik.offset_wrist.wrist_circle import WristCircle, may_just_reach
 from niryo_jax.ik.results.candidates import Candidates
 from niryo_jax.ik.trig_polynomial import forms_on_arcs, most_roots
+from niryo_jax.lanes import Lane
 from niryo_jax.tolerances import SECANT
 
 _FEW, _MANY = (2, 16), (4, 48)
@@ -92,8 +93,8 @@ def _are_all(
     """Whether the product of all branches has no more roots than there are brackets, each of which
     holds one, since f is farther from zero at the nodes than rounding can move it."""
     product = product_of_branches(arm, circle)
-    margin = product.margin if arm.off.is_known(0.0) else product.margin + arm.moved.array
-    most, _ = most_roots(forms_on_arcs(product, _ARCS), margin)
+    margin = Lane(product.margin) + arm.moved
+    most, _ = most_roots(forms_on_arcs(product, _ARCS), margin.array)
     as_many = jnp.sum(most, axis=0) == jnp.sum(brackets.exists, axis=(0, 1), dtype=jnp.int32)
     return as_many & jnp.all(jnp.abs(nodes.f) > nodes.rounding, axis=(0, 1))
 
