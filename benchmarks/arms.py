@@ -7,7 +7,8 @@ The table of real arms is that of `benchmarks.real_arms`, which docs/arms.md is 
 ones are arms with axes at random, shipped arms with every axis off by 1e-6 to 1e-2 (metres and
 radians), and the arms of a JSON file as of `benchmarks.honesty`, where none is named the real ones,
 that have six revolute joints and no closed form. Poses are made by forward kinematics, so each has
-a solution that is known. A pose that is called complete without it, a joint vector that misses its
+a solution that is known; as many again from joint vectors of which a third is at whole quarter
+turns. A pose that is called complete without it, a joint vector that misses its
 pose, and a certified pose of which Newton's method from 400 guesses knows one solution more make it
 fail. `--quick` makes few poses of few arms and times nothing of the table.
 """
@@ -36,6 +37,8 @@ from niryo_jax.ik.methods.multistart import solve_multistart
 
 MISS = 1e-10
 SAME = 1e-5
+SHARES = "made-by", "complete", "at quarter turns, made-by", "at quarter turns, complete"
+REGULAR = 1e-2
 GUESSED = 32
 STARTS = 400
 NOMINAL = "ur16e", "abb_irb120", "niryo_one"
@@ -59,10 +62,8 @@ def off_by(name: str, size: float) -> nj.Robot:
 def judged(robot: nj.Robot, poses: int, seed: int) -> dict[str, Any]:
     """What is found of an arm, and what is said of it."""
     q = np.random.default_rng(seed).uniform(-np.pi, np.pi, (poses, 6))
-    pose = reference.forward_kinematics(robot, q)
-    answer = jax.block_until_ready(nj.inverse_kinematics(robot, pose, method="complete"))
+    pose, answer, made_by = _answered(robot, q)
     found, complete = np.asarray(answer.found), np.asarray(answer.complete)
-    made_by = np.any(found & (_apart(answer.q, q[:, None]) < SAME), axis=1)
     reached = reference.forward_kinematics(robot, np.asarray(answer.q)[found])
     wanted = np.broadcast_to(pose[:, None], (*found.shape, 4, 4))[found]
     spurious = np.abs(reached - wanted).max(axis=(1, 2), initial=0) > MISS
@@ -71,6 +72,9 @@ def judged(robot: nj.Robot, poses: int, seed: int) -> dict[str, Any]:
     for slot in range(found.shape[1]):
         near = _apart(guessed.q, np.asarray(answer.q)[:GUESSED, None, slot]) < SAME
         more &= ~(near & found[:GUESSED, None, slot])
+    round_q = at_quarter_turns(robot, poses, np.random.default_rng(seed))
+    _, round_answer, round_made_by = _answered(robot, round_q)
+    round_complete = np.asarray(round_answer.complete)
     return {
         "poses": poses,
         "made-by": int(made_by.sum()),
@@ -81,10 +85,33 @@ def judged(robot: nj.Robot, poses: int, seed: int) -> dict[str, Any]:
         "unreachable": int(np.sum(answer.status == nj.IKStatus.UNREACHABLE)),
         "solutions": round(float(found.sum(axis=1).mean()), 2),
         "most": int(found.sum(axis=1).max()),
+        "at quarter turns, made-by": int(round_made_by.sum()),
+        "at quarter turns, complete": int(round_complete.sum()),
+        "at quarter turns, falsely complete": int(np.sum(round_complete & ~round_made_by)),
     }
 
 
-FALSE = "falsely complete", "spurious", "guesses know more", "unreachable"
+def at_quarter_turns(robot: nj.Robot, poses: int, rng: np.random.Generator) -> np.ndarray:
+    """(poses, 6) joint vectors, a third of whose joints are at whole quarter turns, as programs
+    that people write have them; where no direction is lost."""
+    q = rng.uniform(-np.pi, np.pi, (8 * poses, 6))
+    turns = np.pi / 2 * rng.integers(-2, 3, q.shape)
+    q = np.where(rng.random(q.shape) < 1 / 3, turns, q)
+    smallest = np.linalg.svd(nj.space_jacobian(robot, q), compute_uv=False)[:, -1]
+    return q[smallest > REGULAR][:poses]
+
+
+def _answered(robot: nj.Robot, q: np.ndarray) -> tuple[np.ndarray, nj.IKSolutions, np.ndarray]:
+    """The poses of joint vectors, what is found of them, and whether it is among that."""
+    pose = reference.forward_kinematics(robot, q)
+    answer = jax.block_until_ready(nj.inverse_kinematics(robot, pose, method="complete"))
+    return pose, answer, np.any(answer.found & (_apart(answer.q, q[:, None]) < SAME), axis=1)
+
+
+FALSE = (
+    *("falsely complete", "spurious", "guesses know more", "unreachable"),
+    "at quarter turns, falsely complete",
+)
 
 
 def _apart(a: Any, b: np.ndarray) -> np.ndarray:
@@ -121,15 +148,18 @@ def measure(todo: list[nj.Robot], poses: int, speed_poses: int, rounds: int) -> 
         print(f"  {robot.name}: {counts}", flush=True)
         report.data["arms"].append({"arm": robot.name, **counts})
         report.wrong += [f"{robot.name}: {counts[name]} {name}" for name in FALSE if counts[name]]
-        for name in ("poses", "made-by", "complete"):
+        for name in ("poses", *SHARES):
             total[name] = total.get(name, 0) + counts[name]
-        shares = [f"{counts[name] / poses:.2%}" for name in ("made-by", "complete")]
+        shares = [f"{counts[name] / poses:.2%}" for name in SHARES]
         lines.append([robot.name, *shares, f"{counts['solutions']}", f"{counts['most']}"])
-    head = ["arm", "made-by found", "complete", "solutions", "most"]
+    head = ["arm", "made-by found", "complete", *SHARES[2:], "solutions", "most"]
     report.sections.append(table(head, lines))
-    made_by, complete = (total[name] / total["poses"] for name in ("made-by", "complete"))
+    made_by, complete, *at_quarters = (total[name] / total["poses"] for name in SHARES)
     report.claims.append(Claim(f"made-by found: {made_by:.3%}, at least 99.99%", made_by >= 0.9999))
     report.claims.append(Claim(f"complete: {complete:.2%}, at least 98%", complete >= 0.98))
+    text = f"at quarter turns made-by found: {at_quarters[0]:.3%}, complete: {at_quarters[1]:.2%}"
+    enough = at_quarters[0] >= 0.999 and at_quarters[1] >= 0.98
+    report.claims.append(Claim(f"{text}, at least 99.9% and 98%", enough))
     rates = list[list[str]]()
     for robot in (at_random(0), off_by("ur16e", 1e-3)):
         timed = speed(robot, speed_poses, rounds)

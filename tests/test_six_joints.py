@@ -62,6 +62,26 @@ def test_the_joint_vector_that_made_a_pose_is_found(name, size):
     assert np.all(np.asarray(answer.count)[np.asarray(answer.complete)] % 2 == 0)
 
 
+@pytest.mark.parametrize(
+    ("name", "size"), [("ur16e", 1e-5), ("abb_irb120", 1e-5), ("niryo_one", 1e-4)]
+)
+def test_postures_of_whole_quarter_turns_are_solved_as_others_are(name, size):
+    # Straight elbows and wrists aside; of a plane posture all solutions share angles.
+    rng = np.random.default_rng(8)
+    robot = off_by(nj.robots.load(name), rng, size)
+    q = rng.uniform(-np.pi, np.pi, (4 * POSES, 6))
+    turns = np.pi / 2 * rng.integers(-2, 3, q.shape)
+    q = np.where(rng.random(q.shape) < 0.35, turns, q)
+    smallest = np.linalg.svd(nj.space_jacobian(robot, q), compute_uv=False)[:, -1]
+    q = q[smallest > 1e-2][:POSES]
+    pose = posed(robot, q)
+    answer = nj.inverse_kinematics(robot, pose)
+    made_by = has(answer, q)
+    assert np.all(made_by | ~np.asarray(answer.complete))
+    assert np.mean(made_by) >= 0.98
+    assert np.mean(answer.complete) >= 0.94
+
+
 @pytest.mark.parametrize(("name", "size"), [("random", 0.0), ("abb_irb120", 1e-6)])
 def test_errors_are_those_of_the_joint_vectors_next_to_singular_postures(name, size):
     robot = solved(name, size)[0]
@@ -259,6 +279,18 @@ def test_well_separated_roots_are_simple():
     np.testing.assert_allclose(found, roots, atol=1e-12)
 
 
+@given(
+    st.lists(st.integers(0, 23), min_size=16, max_size=16, unique=True), st.sampled_from([0, 1, 45])
+)
+def test_roots_at_whole_degrees_are_simple(places, degrees):
+    # What is the end of two arcs neither of them can settle.
+    roots = np.sort(np.radians(15.0 * np.array(places) + degrees) % (2 * np.pi))
+    ((found, simple),) = roots_and_proof(product(roots))
+    assert simple
+    found = np.sort((found + 0.1) % (2 * np.pi)) - 0.1
+    np.testing.assert_allclose(found, roots, atol=1e-6)
+
+
 @pytest.mark.parametrize("gap", [0.0, 1e-9, 1e-8, 1e-6])
 def test_roots_that_noise_may_merge_are_a_pair_and_never_simple(gap):
     double = np.concatenate([np.linspace(0.5, 2.5, 14), [4.0, 4.0 + gap]])
@@ -308,7 +340,8 @@ def value_at_root(numbers, robot, pose, q):
     """(rows,) |g| at the angle of the kept joint of joint vectors that made the poses, in units of
     the estimated noise."""
     way = closure.unflattened(numbers)
-    _, g = equations_and_polynomial(way, traced_geometry(robot, pose.dtype), pose)
+    geometry, live = traced_geometry(robot, pose.dtype), jnp.ones(len(pose), bool)
+    _, g = equations_and_polynomial(way, geometry, pose, live)
     angle = jnp.sum(jnp.where(way.order == 0, q, 0.0), axis=1)
     k = jnp.arange(1, DEGREE + 1)[:, None]
     real, imaginary = g.coefficients[1 : DEGREE + 1], g.coefficients[DEGREE + 1 :]

@@ -16,13 +16,12 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 import niryo_jax as nj
-from niryo_jax.ik.general.isolation import FAR, isolated, refined
+from niryo_jax.ik.general.isolation import ARCS, FAR, START, isolated, refined
 from niryo_jax.ik.general.polynomial import equations_and_polynomial
 from niryo_jax.ik.trig_polynomial import DEGREE
 from niryo_jax.specialise import traced_geometry
 from niryo_jax.structure.closure import closure_numbers, eliminations
 
-ARCS = 32
 SEED = 20261127
 
 
@@ -40,7 +39,7 @@ def draw(axes: plt.Axes, robot: nj.Robot, pose: np.ndarray, what: str) -> None:
     screws = np.asarray(robot.screws)
     numbers = closure_numbers(screws, eliminations(screws)[0])
     geometry = traced_geometry(robot, np.dtype(float))
-    _, g = equations_and_polynomial(numbers, geometry, jnp.asarray(pose)[None])
+    _, g = equations_and_polynomial(numbers, geometry, jnp.asarray(pose)[None], jnp.ones(1, bool))
     roots = isolated(g, FAR)
     c = np.asarray(g.coefficients)[:, 0]
 
@@ -54,9 +53,9 @@ def draw(axes: plt.Axes, robot: nj.Robot, pose: np.ndarray, what: str) -> None:
     axes.plot(t, shown, color="#0072b2", linewidth=1.3)
     number = int(roots.number)
     angles = np.asarray(refined(g, roots.owner[:number], roots.near[:number]))
-    axes.plot(angles, np.zeros_like(angles), "o", color="#d55e00", markersize=5)
+    axes.plot(angles % (2 * np.pi), np.zeros_like(angles), "o", color="#d55e00", markersize=5)
     axes.axhline(0, color="0.6", linewidth=0.8)
-    for end in 2 * np.pi * np.arange(ARCS + 1) / ARCS:
+    for end in START + 2 * np.pi * np.arange(ARCS) / ARCS:
         axes.axvline(end, color="0.88", linewidth=0.6, zorder=0)
     axes.set_title(f"{what}: {len(angles)} roots", fontsize=9)
     axes.set_yticks([])

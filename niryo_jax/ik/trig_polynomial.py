@@ -53,6 +53,11 @@ def nodes(dtype: jax.typing.DTypeLike) -> tuple[jax.Array, jax.Array]:
     return jnp.asarray(np.cos(t), dtype), jnp.asarray(np.sin(t), dtype)
 
 
+def product(matrix: jax.typing.ArrayLike, values: jax.Array) -> jax.Array:
+    """A matrix times columns, in their precision: a GPU rounds factors in float32 to ten bits."""
+    return jnp.matmul(jnp.asarray(matrix, values.dtype), values, precision="highest")
+
+
 def interpolated(values: jax.Array) -> Polynomial:
     """g from its values (20, rows) at `nodes`; that there are more of them than it has coefficients
     tells the noise of them all."""
@@ -60,18 +65,19 @@ def interpolated(values: jax.Array) -> Polynomial:
     largest = jnp.max(jnp.where(usable, jnp.abs(values), jnp.inf), axis=0)
     some = jnp.isfinite(largest) & (largest > 0)
     values = jnp.where(some, values / jnp.where(some, largest, 1.0), 0.0)
-    transformed = jnp.asarray(_TRANSFORM, values.dtype) @ values
+    transformed = product(_TRANSFORM, values)
     rest = transformed[COEFFICIENTS:]
     noise = jnp.where(some, jnp.max(jnp.abs(rest), axis=0), 1.0)
     coefficients = lanes.materialise(Lane(transformed[:COEFFICIENTS])).array
     return Polynomial(coefficients, noise)
 
 
-def forms_on_arcs(polynomial: Polynomial, arcs: int) -> jax.Array:
-    """(17, arcs, rows) the coefficients of the form on each of so many equal arcs, from angle 0."""
+def forms_on_arcs(polynomial: Polynomial, arcs: int, start: float = 0.0) -> jax.Array:
+    """(17, arcs, rows) the coefficients of the form on each of so many equal arcs, the first of
+    which begins at an angle."""
     coefficients = polynomial.coefficients
-    matrix = jnp.asarray(_bernstein(arcs), coefficients.dtype).reshape(-1, COEFFICIENTS)
-    forms = lanes.materialise(Lane(matrix @ coefficients)).array
+    matrix = _bernstein(arcs, start).reshape(-1, COEFFICIENTS)
+    forms = lanes.materialise(Lane(product(matrix, coefficients))).array
     return forms.reshape(COEFFICIENTS, arcs, coefficients.shape[1])
 
 
@@ -96,13 +102,13 @@ def _transform() -> np.ndarray:
 
 
 @functools.cache
-def _bernstein(arcs: int) -> np.ndarray:
+def _bernstein(arcs: int, start: float) -> np.ndarray:
     """(17, arcs, 17) from coefficients to those of the form on each arc."""
     out = np.zeros((COEFFICIENTS, arcs, COEFFICIENTS))
     binomial = np.array([math.comb(FORM, i) for i in range(FORM + 1)])
     for arc in range(arcs):
         # e^(i t / 2) = (1 - s) e^(i low / 2) + s e^(i high / 2), up to a positive factor.
-        ends = np.exp(0.5j * 2 * np.pi / arcs * np.array([arc, arc + 1]))
+        ends = np.exp(0.5j * (start + 2 * np.pi / arcs * np.array([arc, arc + 1])))
         for k in range(DEGREE + 1):
             turned = _power(ends, DEGREE + k), _power(ends.conj(), DEGREE - k)
             column = np.convolve(*turned) / binomial

@@ -196,21 +196,29 @@ def _eliminations(numbers: bytes) -> tuple[Elimination, ...]:
     rng = np.random.default_rng(0)
     q = rng.uniform(-np.pi, np.pi, (_SAMPLES, JOINTS))
     goals = _goals(screws, q)
-    judged = list[tuple[float, Elimination, np.ndarray]]()
+    judged = list[_Judged]()
     for pair in range(JOINTS - 1):
         for kept, x, y, last in _neighbours(pair):
             way = Elimination(pair, kept, x, y, last, tuple(range(COLUMNS)))
             equations = _minors(closure_numbers(screws, way), goals)
             judged.append((_doubt(equations, q[:, kept]), way, equations))
     judged.sort(key=lambda item: item[0])
-    chosen = dict[tuple[int, int], Elimination]()
-    for _, way, equations in judged:
-        if len(chosen) < _WAYS:
-            key = way.pair, way.kept
-            chosen.setdefault(key, way._replace(columns=_columns(equations)))
-    return tuple(chosen.values())
+    # Another kept joint is another polynomial, another order of the rest only another rounding; but
+    # one of which nothing is left proves nothing.
+    kept = set[tuple[int, int]]()
+    first, second = list[_Judged](), list[_Judged]()
+    for item in judged:
+        way = item[1]
+        is_new = (way.pair, way.kept) not in kept and item[0] < _HOPELESS
+        (first if is_new else second).append(item)
+        kept.add((way.pair, way.kept))
+    chosen = [*first, *second][:_WAYS]
+    return tuple(way._replace(columns=_columns(equations)) for _, way, equations in chosen)
 
 
+_Judged = tuple[float, Elimination, np.ndarray]
+
+_HOPELESS = 0.3
 _SAMPLES = 24
 _WAYS = 3
 

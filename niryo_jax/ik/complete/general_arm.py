@@ -1,9 +1,11 @@
 """Six revolute joints of any geometry: all solutions by the roots of one polynomial.
 
 The roots are isolated by halving a few times, in the way of elimination that suits the arm best.
-What that leaves open is halved until rounding ends it, in every other way, and in the best one
-again, which then knows what the others found; one of them is proof enough. All of it is one loop
-over parts of the batch, so that the program holds its body once.
+Of poses that this leaves open the solutions of poses next to them are tried: where solutions have
+the kept angle in common, as where an arm is stretched out in a plane, they cannot be told apart,
+and have it apart a tenth of a radian farther. Then arcs are halved until rounding ends it, in every
+other way, and in the best one again, which knows what the others found; one of them is proof
+enough. All of it is one loop over parts of the batch, so that the program holds its body once.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.execution.compaction import at_once, for_each_chunk
@@ -39,6 +42,9 @@ _PART = 256
 _RECOVERED, _IMPROVED = 256, 128
 _STEPS, _MORE_STEPS = 4, 19
 _LARGEST_STEP = 0.3
+_ASIDE = 0.1
+_DIRECTION = 0.60, -0.51, 0.62, -0.30, 0.80, 0.52
+"""How far a pose is moved aside, in radians and sizes of the arm, and in which unit twist."""
 _ROOTS_OF_A_POSE = 4
 _FEW = 8
 _PERIODIC = (True,) * 6
@@ -62,6 +68,24 @@ class _Found(NamedTuple):
     proved: jax.Array
 
 
+def _turns(ways: int) -> list[tuple[int, int, bool]]:
+    """What is done one after the other: the index of the way of elimination, to which side poses
+    are moved, 0 for neither, and whether arcs are halved until rounding ends it."""
+    aside = [(side % ways, side, False) for side in (1, 2)]
+    others = [(way, 0, True) for way in range(1, ways)]
+    return [(0, 0, False), *aside, *others, (0, 0, True)]
+
+
+def _aside(size: jax.Array) -> jax.Array:
+    """(3, 4, 4) no motion, and one to either side, of an arm of a size."""
+    x, y, z = 0.5 * _ASIDE * np.array(_DIRECTION[:3])
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    turn = np.linalg.solve(np.eye(3) - skew, np.eye(3) + skew)
+    move = _ASIDE * size * jnp.asarray(_DIRECTION[3:])
+    there, back = (jnp.eye(4).at[:3, :3].set(r) for r in (turn, turn.T))
+    return jnp.stack([jnp.eye(4), there.at[:3, 3].set(move), back.at[:3, 3].set(-move)])
+
+
 def solve_general_arm(
     geometry: Geometry, numbers: jax.Array, goal: jax.Array, live: jax.Array, limits: Limits
 ) -> Answer:
@@ -75,23 +99,28 @@ def solve_general_arm(
         jnp.zeros((rows, MOST, 6), dtype), nothing, none, none, nothing, jnp.zeros(rows, bool)
     )
 
-    def by_one_way(turn: jax.Array, found: _Found) -> _Found:
-        first = turn == 0
-        way = numbers[turn % len(numbers)]
-        effort = Effort(*(jnp.where(first, a, b) for a, b in zip(A_LITTLE, FAR)))
-        steps = jnp.where(first, _STEPS, _MORE_STEPS)
+    turns = jnp.asarray(_turns(len(numbers)))
+    aside = _aside(unflattened(numbers[0]).size).astype(dtype)
+
+    def by_one_way(index: jax.Array, found: _Found) -> _Found:
+        which, side, far = turns[index]
+        way, move, proves = numbers[which], aside[side], side == 0
+        effort = Effort(*(jnp.where(far, b, a) for a, b in zip(A_LITTLE, FAR)))
+        steps = jnp.where(index == 0, _STEPS, _MORE_STEPS)
 
         def solve(found: _Found, at: jax.Array, its: jax.Array) -> _Found:
             at = jnp.minimum(at, rows - 1)
             known = jax.tree.map(lambda x: x[at], found)
-            arm = geometry.at(at)
-            new = _solved(arm, way, goal[at], effort, steps, known, is_small(rows))
+            arm, its_goal = geometry.at(at), goal[at]
+            near = jnp.where(proves, its_goal, its_goal @ move)
+            goals = its_goal, near
+            new = _solved(arm, way, goals, its, proves, effort, steps, known, is_small(rows))
             where = jnp.where(its, at, rows)
             return jax.tree.map(lambda x, y: x.at[where].set(y, mode="drop"), found, new)
 
         return for_each_chunk(live & ~found.proved, part, solve, found)
 
-    found = jax.lax.fori_loop(0, len(numbers) + 1, by_one_way, start)
+    found = jax.lax.fori_loop(0, len(turns), by_one_way, start)
     names = jnp.int32(Singularity.NONE), jnp.int32(Singularity.UNKNOWN)
     label = jnp.full((rows, MOST), -1, jnp.int32)
     errors = found.position, found.rotation
@@ -104,16 +133,20 @@ def solve_general_arm(
 def _solved(
     geometry: Geometry,
     numbers: jax.Array,
-    goal: jax.Array,
+    goals: tuple[jax.Array, jax.Array],
+    live: jax.Array,
+    proves: jax.Array,
     effort: Effort,
     steps: jax.Array,
     known: _Found,
     small: bool,
 ) -> _Found:
-    """What one way of elimination adds to what is known of poses (rows, 4, 4)."""
+    """What one way of elimination adds to what is known of poses (rows, 4, 4), of which the first
+    are live, from the solutions of poses next to them or, where it `proves`, of themselves."""
+    goal, near = goals
     rows = len(goal)
     way = unflattened(numbers)
-    equations, g = equations_and_polynomial(way, geometry, goal)
+    equations, g = equations_and_polynomial(way, geometry, near, live)
     roots = isolated(g, effort)
     room = len(roots.owner)
     real, poses = roots.owner < rows, jnp.minimum(roots.owner, rows - 1)
@@ -138,11 +171,11 @@ def _solved(
     )
     table = table.T
     exists, taken = table >= 0, jnp.maximum(table, 0)
-    sure = roots.most == 1
+    sure = (roots.most == 1) & proves
     parts = (q, known.q), (position, known.position), (rotation, known.rotation), (sure, known.sure)
     vectors, metres, radians, sure = (with_known(*part)[taken] for part in parts)
     angle = jnp.sum(jnp.where(way.order == 0, vectors, 0.0), axis=-1)
-    proved = are_proved(roots, jnp.where(exists, angle, jnp.inf).T) & ~crowded
+    proved = are_proved(roots, jnp.where(exists, angle, jnp.inf).T) & ~crowded & proves
     return _Found(vectors, exists, metres, radians, sure | proved[:, None], known.proved | proved)
 
 

@@ -26,17 +26,21 @@ from niryo_jax.ik.trig_polynomial import (
     Polynomial,
     forms_on_arcs,
     most_roots,
+    product,
 )
 from niryo_jax.lanes import Lane
 from niryo_jax.lanes.batch_last import kept
 
-_ARCS = 32
+ARCS = 32
+START = 2 * np.pi / ARCS / 7
+"""Where the first arc begins: no angle of whole degrees is the end of an arc, however often halved,
+for at an end noise hides a root from the arcs on both sides."""
 _WIDTH = 128
 _HEAD = 6
 _REFINEMENTS = 7
 _MOST = 40
 _DEEPEST = 28
-_NARROWEST = 2 * np.pi / _ARCS / 2 ** (_DEEPEST - 2)
+_NARROWEST = 2 * np.pi / ARCS / 2 ** (_DEEPEST - 2)
 
 _MIDDLE, _ROOT, _LOWER, _UPPER = range(4)
 """Where to begin on an arc: its middle, its root, and either root of two."""
@@ -105,22 +109,22 @@ def isolated(polynomial: Polynomial, effort: Effort) -> Roots:
     """The roots of polynomials (17, rows)."""
     coefficients, margin = polynomial.coefficients, polynomial.margin
     rows, dtype = coefficients.shape[1], coefficients.dtype
-    first = forms_on_arcs(polynomial, _ARCS)
+    first = forms_on_arcs(polynomial, ARCS, START)
     most, flat = most_roots(first, margin)
-    width = min(at_once(_WIDTH, rows), _ARCS * rows)
+    width = min(at_once(_WIDTH, rows), ARCS * rows)
     # What one step finds may be more than a polynomial is given.
     room = _MOST * rows + 2 * width
-    number = np.arange(_ARCS, dtype=float)[:, None] * (2 * np.pi / _ARCS)
+    number = np.arange(ARCS, dtype=float)[:, None] * (2 * np.pi / ARCS)
     owner = jnp.broadcast_to(jnp.arange(rows, dtype=dtype), most.shape)
-    low = jnp.broadcast_to(jnp.asarray(number, dtype), most.shape)
-    high = low + jnp.asarray(2 * np.pi / _ARCS, dtype)
+    low = jnp.broadcast_to(jnp.asarray(START + number, dtype), most.shape)
+    high = low + jnp.asarray(2 * np.pi / ARCS, dtype)
     is_root = (most == 1) | flat
     head = jnp.stack([owner, low, high, low, high, most.astype(dtype)])
     begin = jnp.where(most == 1, _ROOT, _MIDDLE).astype(dtype)
     items = jnp.concatenate([head, begin[None]]).reshape(_HEAD + 1, -1).T
     found = jnp.full((room + 2 * width, _HEAD + 1), -1.0, dtype)
     found, count = append(found, jnp.int32(0), items, is_root.reshape(-1))
-    capacity = _ARCS * rows + width * (_DEEPEST + 1)
+    capacity = ARCS * rows + width * (_DEEPEST + 1)
     arcs = jnp.zeros((capacity, _HEAD + COEFFICIENTS), dtype)
     table = jnp.concatenate([head, first]).reshape(_HEAD + COEFFICIENTS, -1).T
     arcs, size = append(arcs, jnp.int32(0), table, ~(is_root | (most == 0)).reshape(-1))
@@ -150,8 +154,8 @@ def _step(margin: jax.Array, width: int, effort: Effort, state: _State) -> _Stat
     most = bound[:, 2].astype(jnp.int32)
     spent = tally(state.spent, owner, live)
     middle = 0.5 * (low + high)
-    matrix = jnp.asarray(_HALVES, items.dtype).reshape(-1, COEFFICIENTS)
-    forms = (matrix @ items[:, _HEAD:].T).reshape(2, COEFFICIENTS, width)
+    forms = product(_HALVES.reshape(-1, COEFFICIENTS), items[:, _HEAD:].T)
+    forms = forms.reshape(2, COEFFICIENTS, width)
     # The middle of the form is shorter than its ends by the cosine of a quarter of the arc.
     per = 1.0 / jnp.cos(0.25 * (high - low))
     powers = jnp.cumprod(jnp.broadcast_to(per, (FORM, width)), axis=0)

@@ -19,13 +19,14 @@ import numpy as np
 from niryo_jax import lanes
 from niryo_jax.execution.compaction import at_once
 from niryo_jax.ik.general.elimination import eliminated, solved
-from niryo_jax.ik.trig_polynomial import Polynomial, interpolated, nodes
+from niryo_jax.ik.trig_polynomial import Polynomial, interpolated, nodes, product
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batch_last import kept
 from niryo_jax.lie import se3, so3
 from niryo_jax.specialise import Geometry
 from niryo_jax.structure.closure import COLUMNS, NODES, ClosureNumbers
 
+EQUATIONS = 3 * COLUMNS * 6 + 8 * 2**4
 _BLOCK = 64
 """The matrices at the nodes of so many poses stay in the cache of a core."""
 
@@ -44,7 +45,7 @@ class Equations(NamedTuple):
     products: jax.Array
 
     def in_rows(self) -> jax.Array:
-        """All their numbers, (rows, 290)."""
+        """All their numbers, (rows, EQUATIONS)."""
         rows = self.minors.shape[-1]
         return jnp.concatenate([part.reshape(-1, rows) for part in self]).T
 
@@ -57,28 +58,37 @@ class Equations(NamedTuple):
 
 
 def equations_and_polynomial(
-    numbers: ClosureNumbers, geometry: Geometry, goal: jax.Array
+    numbers: ClosureNumbers, geometry: Geometry, goal: jax.Array, live: jax.Array
 ) -> tuple[jax.Array, Polynomial]:
-    """Of target poses (rows, 4, 4): `Equations.in_rows`, and g."""
+    """Of target poses (rows, 4, 4), of which the first are live: `Equations.in_rows`, and g. Of the
+    others g is 1, which has no roots."""
     rows = len(goal)
     block = min(at_once(_BLOCK, rows), rows)
+    blocks = -(-rows // block)
 
-    def of_block(start: jax.Array) -> tuple[jax.Array, jax.Array]:
-        at = jnp.minimum(start + jnp.arange(block), rows - 1)
+    def of_block(i: jax.Array, state: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        at = jnp.minimum(i * block + jnp.arange(block), rows - 1)
         target = lanes.contiguous_lanes(goal[at], 2)
         equations = _equations(numbers, target, geometry.at(at).home, block)
-        return equations.in_rows(), _at_nodes(numbers, equations.minors)
+        tables, values = state
+        put = jax.lax.dynamic_update_index_in_dim
+        tables = put(tables, equations.in_rows(), i, 0)
+        return tables, put(values, _at_nodes(numbers, equations.minors), i, 0)
 
-    tables, values = jax.lax.map(of_block, jnp.arange(0, rows, block))
-    tables = tables.reshape(-1, tables.shape[-1])[:rows]
+    used = jnp.sum(live, dtype=jnp.int32)
+    start = (
+        jnp.zeros((blocks, block, EQUATIONS), goal.dtype),
+        jnp.zeros((blocks, NODES, block), goal.dtype),
+    )
+    tables, values = jax.lax.fori_loop(0, -(-used // block), of_block, start)
     values = jnp.moveaxis(values, 1, 0).reshape(NODES, -1)[:, :rows]
-    return tables, interpolated(values)
+    tables = tables.reshape(-1, EQUATIONS)[:rows]
+    return tables, interpolated(jnp.where(live, values, 1.0))
 
 
 def _equations(numbers: ClosureNumbers, goal: Lanes, home: Lanes, rows: int) -> Equations:
     """The equations of target poses, (4, 4) lanes over the rows, of a tool that is at `home`."""
-    dtype = goal[0, 3].array.dtype
-    products = numbers.tensor.reshape(128, 8).astype(dtype) @ _target(numbers, goal, home, rows)
+    products = product(numbers.tensor.reshape(128, 8), _target(numbers, goal, home, rows))
     products = kept(products).reshape(8, 2, 2, 2, 2, rows)
     table = products[:4]
     first, second = np.triu_indices(4, 1)
