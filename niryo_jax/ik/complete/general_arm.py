@@ -270,9 +270,7 @@ def are_proved(roots: Roots, kept: jax.Array) -> jax.Array:
     row = jnp.minimum(roots.owner, rows - 1)
     low, high = roots.arc
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    count = jnp.zeros(row.shape, jnp.int32)
-    for angle in kept:
-        off = jnp.abs(without_whole_turns(angle[row] - middle, (True,)))
-        count = count + (off <= half)
+    off = jnp.abs(without_whole_turns(kept[:, row] - middle, (True,)))
+    count = jnp.sum(off <= half, axis=0, dtype=jnp.int32)
     lost = jnp.where(count == roots.most, rows, roots.owner)
     return roots.listed.at[lost].set(False, mode="drop")
