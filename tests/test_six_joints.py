@@ -99,6 +99,17 @@ def test_errors_are_those_of_the_joint_vectors_next_to_singular_postures(name, s
     np.testing.assert_array_less(missed, said + 1e-13)
 
 
+def test_a_solution_that_is_met_twice_does_not_count_as_two():
+    # Where the smallest singular value is 1e-8, rounding spreads what is met over 1e-5 rad.
+    robot = next(
+        case.robot for case in honesty.from_file(honesty.REAL_ARMS) if case.robot.name == "m0609_ik"
+    )
+    q = singular.near(robot, 1e-8, 128, 28689008)
+    answer = nj.inverse_kinematics(robot, posed(robot, q))
+    assert np.mean(np.any(answer.found, axis=1)) > 0.99
+    assert np.all(has(answer, q, 1e-4) | ~np.asarray(answer.complete))
+
+
 @pytest.mark.parametrize(("name", "size"), [("random", 0.0), ("ur16e", 1e-3)])
 def test_many_guesses_find_nothing_more(name, size):
     robot, _, pose, answer = solved(name, size)

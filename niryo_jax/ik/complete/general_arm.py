@@ -39,9 +39,10 @@ from niryo_jax.structure.closure import ClosureNumbers, unflattened
 from niryo_jax.tolerances import DEPENDENT_ROW
 
 _PART = 256
-_RECOVERED, _IMPROVED = 256, 128
+_RECOVERED, _IMPROVED, _COMPARED = 256, 128, 16
 _STEPS, _MORE_STEPS = 4, 19
 _LARGEST_STEP = 0.3
+_AS_WELL, _ROUNDING = 4.0, 16.0
 _ASIDE = 0.1
 _DIRECTION = 0.60, -0.51, 0.62, -0.30, 0.80, 0.52
 """How far a pose is moved aside, in radians and sizes of the arm, and in which unit twist."""
@@ -176,6 +177,10 @@ def _solved(
     vectors, metres, radians, sure = (with_known(*part)[taken] for part in parts)
     angle = jnp.sum(jnp.where(way.order == 0, vectors, 0.0), axis=-1)
     proved = are_proved(roots, jnp.where(exists, angle, jnp.inf).T) & ~crowded & proves
+    clustered = jnp.zeros(rows + 1, bool).at[jnp.where(roots.most > 1, roots.owner, rows)].set(True)
+    doubtful = live & proved & clustered[:rows]
+    misses = jnp.where(exists, metres, 0.0), jnp.where(exists, radians, 0.0)
+    proved = proved & ~_with_twins(geometry, goal, vectors, misses, exists, doubtful, small)
     return _Found(vectors, exists, metres, radians, sure | proved[:, None], known.proved | proved)
 
 
@@ -239,6 +244,43 @@ def _improved(
         return (count < steps) & jnp.any(is_rough(*best[6:]))
 
     return jax.lax.while_loop(goes_on, step, (jnp.int32(0), solved[:6], solved))[2]
+
+
+def _with_twins(
+    geometry: Geometry,
+    goal: jax.Array,
+    q: jax.Array,
+    misses: tuple[jax.Array, jax.Array],
+    exists: jax.Array,
+    which: jax.Array,
+    small: bool,
+) -> jax.Array:
+    """(rows,) in which of some rows two joint vectors (rows, 16, 6) may be one solution, met twice,
+    and would count as two: what lies half way between neighbours takes the pose as well as they do.
+    Next to singular postures a solution is known to no more than its miss over the smallest
+    singular value."""
+    rows = len(q)
+    missed = rolled.pose_errors if small else _missed
+
+    def compare(twins: jax.Array, at: jax.Array, its: jax.Array) -> jax.Array:
+        ours, there = q[at], exists[at]
+        away = without_whole_turns(ours[:, None] - ours[:, :, None], _PERIODIC)
+        apart = jnp.max(jnp.abs(away), axis=-1)
+        pairs = there[:, None] & there[:, :, None] & ~jnp.eye(MOST, dtype=bool)
+        nearest = jnp.argmin(jnp.where(pairs, apart, jnp.inf), axis=-1)
+        to_it = jnp.take_along_axis(away, nearest[..., None, None], axis=2)[:, :, 0]
+        owner = jnp.repeat(at, MOST)
+        goals = lanes.contiguous_lanes(goal[owner], 2)
+        errors = missed(geometry.at(owner), goals, (ours + 0.5 * to_it).reshape(-1, 6).T)
+        twin = jnp.any(pairs, axis=-1)
+        for error, miss, size in zip(errors, misses, (extent(goal[at]), jnp.ones(len(at)))):
+            own = miss[at]
+            larger = jnp.maximum(own, jnp.take_along_axis(own, nearest, axis=1))
+            rounding = _ROUNDING * jnp.finfo(q.dtype).eps * size[:, None]
+            twin &= error.reshape(-1, MOST) < _AS_WELL * larger + rounding
+        return twins.at[jnp.where(its, at, rows)].set(jnp.any(twin, axis=-1), mode="drop")
+
+    return for_each_chunk(which, min(rows, _COMPARED), compare, jnp.zeros(rows, bool))
 
 
 def _missed(geometry: Geometry, goal: Lanes, q: jax.Array) -> tuple[jax.Array, ...]:
