@@ -7,10 +7,10 @@ The table of real arms is that of `benchmarks.real_arms`, which docs/arms.md is 
 ones are arms with axes at random, shipped arms with every axis off by 1e-6 to 1e-2 (metres and
 radians), and the arms of a JSON file as of `benchmarks.honesty`, where none is named the real ones,
 that have six revolute joints and no closed form. Poses are made by forward kinematics, so each has
-a solution that is known; as many again from joint vectors of which a third is at whole quarter
-turns. A pose that is called complete without it, a joint vector that misses its
-pose, and a certified pose of which Newton's method from 400 guesses knows one solution more make it
-fail. `--quick` makes few poses of few arms and times nothing of the table.
+a solution that is known; as many again from joint vectors a third of whose joints is at whole
+quarter turns. A pose that is called complete without it, a joint vector that misses its pose, and a
+certified pose of which Newton's method from 400 guesses knows one solution more make it fail.
+`--quick` makes few poses of few arms and times nothing of the table.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import jax
 import numpy as np
 
 import niryo_jax as nj
-from benchmarks import real_arms, reference
+from benchmarks import real_arms, reference, singular
 from benchmarks.honesty import REAL_ARMS, from_file, off
 from benchmarks.measure import Claim, Report, Timed, about, alternate, header, in_a_process, table
 from niryo_jax.ik.methods.multistart import solve_multistart
@@ -97,8 +97,7 @@ def at_quarter_turns(robot: nj.Robot, poses: int, rng: np.random.Generator) -> n
     q = rng.uniform(-np.pi, np.pi, (8 * poses, 6))
     turns = np.pi / 2 * rng.integers(-2, 3, q.shape)
     q = np.where(rng.random(q.shape) < 1 / 3, turns, q)
-    smallest = np.linalg.svd(nj.space_jacobian(robot, q), compute_uv=False)[:, -1]
-    return q[smallest > REGULAR][:poses]
+    return q[singular.smallest(robot, q) > REGULAR][:poses]
 
 
 def _answered(robot: nj.Robot, q: np.ndarray) -> tuple[np.ndarray, nj.IKSolutions, np.ndarray]:

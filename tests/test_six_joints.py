@@ -17,6 +17,7 @@ from support import random_robot
 
 import niryo_jax as nj
 from benchmarks import honesty, singular
+from benchmarks.arms import at_quarter_turns
 from niryo_jax.ik import IKStatus
 from niryo_jax.ik.complete.general_arm import are_proved, solve_general_arm
 from niryo_jax.ik.general.isolation import FAR, Roots, isolated, refined
@@ -66,16 +67,11 @@ def test_the_joint_vector_that_made_a_pose_is_found(name, size):
     ("name", "size"), [("ur16e", 1e-5), ("abb_irb120", 1e-5), ("niryo_one", 1e-4)]
 )
 def test_postures_of_whole_quarter_turns_are_solved_as_others_are(name, size):
-    # Straight elbows and wrists aside; of a plane posture all solutions share angles.
+    # Of a posture in a plane all solutions share angles.
     rng = np.random.default_rng(8)
     robot = off_by(nj.robots.load(name), rng, size)
-    q = rng.uniform(-np.pi, np.pi, (4 * POSES, 6))
-    turns = np.pi / 2 * rng.integers(-2, 3, q.shape)
-    q = np.where(rng.random(q.shape) < 0.35, turns, q)
-    smallest = np.linalg.svd(nj.space_jacobian(robot, q), compute_uv=False)[:, -1]
-    q = q[smallest > 1e-2][:POSES]
-    pose = posed(robot, q)
-    answer = nj.inverse_kinematics(robot, pose)
+    q = at_quarter_turns(robot, POSES, rng)
+    answer = nj.inverse_kinematics(robot, posed(robot, q))
     made_by = has(answer, q)
     assert np.all(made_by | ~np.asarray(answer.complete))
     assert np.mean(made_by) >= 0.98

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from niryo_jax import lanes
-from niryo_jax.execution.compaction import at_once, for_each_chunk
+from niryo_jax.execution.compaction import at_once, for_each_chunk, tally
 from niryo_jax.execution.padding import is_small
 from niryo_jax.ik.complete.polish import MOST, is_rough
 from niryo_jax.ik.general.isolation import A_LITTLE, FAR, Effort, Roots, isolated, refined
@@ -34,6 +34,7 @@ from niryo_jax.ik.trig_polynomial import Polynomial
 from niryo_jax.jacobian import pose_and_jacobian
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batch_last import kept
+from niryo_jax.lie import se3, so3
 from niryo_jax.specialise import Geometry
 from niryo_jax.structure.closure import ClosureNumbers, unflattened
 from niryo_jax.tolerances import DEPENDENT_ROW
@@ -43,6 +44,8 @@ _RECOVERED, _IMPROVED, _COMPARED = 256, 128, 16
 _STEPS, _MORE_STEPS = 4, 19
 _LARGEST_STEP = 0.3
 _AS_WELL, _ROUNDING = 4.0, 16.0
+"""What lies half way takes a pose as well as its neighbours up to so many times their miss, and so
+many units of rounding."""
 _ASIDE = 0.1
 _DIRECTION = 0.60, -0.51, 0.62, -0.30, 0.80, 0.52
 """How far a pose is moved aside, in radians and sizes of the arm, and in which unit twist."""
@@ -79,12 +82,8 @@ def _turns(ways: int) -> list[tuple[int, int, bool]]:
 
 def _aside(size: jax.Array) -> jax.Array:
     """(3, 4, 4) no motion, and one to either side, of an arm of a size."""
-    x, y, z = 0.5 * _ASIDE * np.array(_DIRECTION[:3])
-    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    turn = np.linalg.solve(np.eye(3) - skew, np.eye(3) + skew)
-    move = _ASIDE * size * jnp.asarray(_DIRECTION[3:])
-    there, back = (jnp.eye(4).at[:3, :3].set(r) for r in (turn, turn.T))
-    return jnp.stack([jnp.eye(4), there.at[:3, 3].set(move), back.at[:3, 3].set(-move)])
+    twists = _ASIDE * np.outer([0.0, 1.0, -1.0], _DIRECTION)
+    return se3.from_rotation_and_position(so3.exp(twists[:, :3]), size * twists[:, 3:])
 
 
 def solve_general_arm(
@@ -177,9 +176,9 @@ def _solved(
     vectors, metres, radians, sure = (with_known(*part)[taken] for part in parts)
     angle = jnp.sum(jnp.where(way.order == 0, vectors, 0.0), axis=-1)
     proved = are_proved(roots, jnp.where(exists, angle, jnp.inf).T) & ~crowded & proves
-    clustered = jnp.zeros(rows + 1, bool).at[jnp.where(roots.most > 1, roots.owner, rows)].set(True)
-    doubtful = live & proved & clustered[:rows]
-    misses = jnp.where(exists, metres, 0.0), jnp.where(exists, radians, 0.0)
+    clustered = tally(jnp.zeros(rows, jnp.int32), roots.owner, roots.most > 1) > 0
+    doubtful = live & proved & clustered
+    misses = metres, radians
     proved = proved & ~_with_twins(geometry, goal, vectors, misses, exists, doubtful, small)
     return _Found(vectors, exists, metres, radians, sure | proved[:, None], known.proved | proved)
 

@@ -26,7 +26,8 @@ from niryo_jax.lie import se3, so3
 from niryo_jax.specialise import Geometry
 from niryo_jax.structure.closure import COLUMNS, NODES, ClosureNumbers
 
-EQUATIONS = 3 * COLUMNS * 6 + 8 * 2**4
+_MINORS = 3 * COLUMNS * 6
+_EQUATIONS = _MINORS + 8 * 2**4
 _BLOCK = 64
 """The matrices at the nodes of so many poses stay in the cache of a core."""
 
@@ -45,15 +46,14 @@ class Equations(NamedTuple):
     products: jax.Array
 
     def in_rows(self) -> jax.Array:
-        """All their numbers, (rows, EQUATIONS)."""
+        """All their numbers, (rows, 290)."""
         rows = self.minors.shape[-1]
         return jnp.concatenate([part.reshape(-1, rows) for part in self]).T
 
     @classmethod
     def from_rows(cls, table: jax.Array) -> Equations:
         """Those of `in_rows`."""
-        rows, minors = len(table), 3 * COLUMNS * 6
-        first, second = table.T[:minors], table.T[minors:]
+        rows, first, second = len(table), table.T[:_MINORS], table.T[_MINORS:]
         return cls(first.reshape(3, COLUMNS, 6, rows), second.reshape(8, 2, 2, 2, 2, rows))
 
 
@@ -77,12 +77,12 @@ def equations_and_polynomial(
 
     used = jnp.sum(live, dtype=jnp.int32)
     start = (
-        jnp.zeros((blocks, block, EQUATIONS), goal.dtype),
+        jnp.zeros((blocks, block, _EQUATIONS), goal.dtype),
         jnp.zeros((blocks, NODES, block), goal.dtype),
     )
     tables, values = jax.lax.fori_loop(0, -(-used // block), of_block, start)
     values = jnp.moveaxis(values, 1, 0).reshape(NODES, -1)[:, :rows]
-    tables = tables.reshape(-1, EQUATIONS)[:rows]
+    tables = tables.reshape(-1, _EQUATIONS)[:rows]
     return tables, interpolated(jnp.where(live, values, 1.0))
 
 
