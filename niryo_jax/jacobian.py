@@ -18,6 +18,7 @@ from niryo_jax.arguments import check_choice, check_positive
 from niryo_jax.chain import Motion, compose, link_motions, tool_motion
 from niryo_jax.lanes import Lanes
 from niryo_jax.lanes.batching import on_joints, on_lanes
+from niryo_jax.lanes.matrices import product
 from niryo_jax.lie import se3
 from niryo_jax.robot import Robot
 from niryo_jax.specialise import Geometry, specialised
@@ -108,7 +109,7 @@ def _autodiff_space_jacobian(geometry: Geometry, q: ArrayLike) -> jax.Array:
 
     def column(direction: jax.Array) -> jax.Array:
         rate = jax.jvp(pose, (q,), (jnp.broadcast_to(direction, q.shape),))[1]
-        return se3.vee(jnp.matmul(rate, se3.inverse(value), precision="highest"))
+        return se3.vee(product(rate, se3.inverse(value)))
 
     return jnp.moveaxis(jax.vmap(column)(jnp.eye(n, dtype=value.dtype)), 0, -1)
 
@@ -226,7 +227,7 @@ def free_direction(robot: Robot, q: ArrayLike) -> tuple[jax.Array, jax.Array]:
     """
     jacobian = body_jacobian(robot, q)
     direction = _right_vectors(jacobian)[1][..., -1]
-    square = jnp.sum(_product(jacobian, direction[..., None])[..., 0] ** 2, axis=-1)
+    square = jnp.sum(product(jacobian, direction[..., None])[..., 0] ** 2, axis=-1)
     moves = square > 0.0
     return direction, jnp.where(moves, jnp.sqrt(jnp.where(moves, square, 1.0)), 0.0)
 
@@ -248,8 +249,8 @@ def _right_vectors_jvp(
     # With A = M^T M and its values l = s^2, dV = V F, F_ij = (V^T dA V)_ij / (l_j - l_i), which has
     # no value where two agree.
     values, vectors = _right_vectors(*primals)
-    image, rate = (_product(part, vectors) for part in (primals[0], tangents[0]))
-    half = _product(jnp.swapaxes(image, -1, -2), rate)
+    image, rate = (product(part, vectors) for part in (primals[0], tangents[0]))
+    half = product(jnp.swapaxes(image, -1, -2), rate)
     turned = half + jnp.swapaxes(half, -1, -2)
     one, other = values[..., None, :], values[..., :, None]
     apart = jnp.abs(one - other) > DEPENDENT_ROW.of(values.dtype) * values[..., :1, None]
@@ -257,12 +258,8 @@ def _right_vectors_jvp(
     share = jnp.where(apart, turned / gap, 0.0)
     some = values > 0.0
     grown = jnp.diagonal(half, axis1=-2, axis2=-1)
-    rates = jnp.where(some, grown / jnp.where(some, values, 1.0), 0.0), _product(vectors, share)
+    rates = jnp.where(some, grown / jnp.where(some, values, 1.0), 0.0), product(vectors, share)
     return (values, vectors), rates
-
-
-def _product(a: jax.Array, b: jax.Array) -> jax.Array:
-    return jnp.matmul(a, b, precision="highest")
 
 
 def condition_number(

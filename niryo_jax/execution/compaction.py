@@ -8,6 +8,8 @@ from typing import TypeVar
 import jax
 import jax.numpy as jnp
 
+from niryo_jax.lanes.matrices import product
+
 State = TypeVar("State")
 
 
@@ -45,7 +47,7 @@ def running_count(which: jax.Array) -> tuple[jax.Array, jax.Array]:
     # A small product with a triangle of ones costs a fraction of a cumulative sum.
     side = 64
     table = jnp.pad(which, (0, -len(which) % side)).reshape(-1, side).astype(jnp.float32)
-    within = jnp.matmul(table, jnp.triu(jnp.ones((side, side), jnp.float32)), precision="highest")
+    within = product(table, jnp.triu(jnp.ones((side, side), jnp.float32)))
     # Whole numbers of float32 are exact in a row of the table, not in a batch of many millions.
     within = within.astype(jnp.int32)
     before = jnp.cumsum(within[:, -1])

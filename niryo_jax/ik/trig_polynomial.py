@@ -18,6 +18,7 @@ import numpy as np
 
 from niryo_jax import lanes
 from niryo_jax.lanes import Lane
+from niryo_jax.lanes.matrices import product
 from niryo_jax.structure.closure import NODES
 from niryo_jax.tolerances import POLYNOMIAL_NOISE
 
@@ -53,11 +54,6 @@ def nodes(dtype: jax.typing.DTypeLike) -> tuple[jax.Array, jax.Array]:
     return jnp.asarray(np.cos(t), dtype), jnp.asarray(np.sin(t), dtype)
 
 
-def product(matrix: jax.typing.ArrayLike, values: jax.Array) -> jax.Array:
-    """A matrix times columns, in their precision: a GPU rounds factors in float32 to ten bits."""
-    return jnp.matmul(jnp.asarray(matrix, values.dtype), values, precision="highest")
-
-
 def interpolated(values: jax.Array) -> Polynomial:
     """g from its values (20, rows) at `nodes`; that there are more of them than it has coefficients
     tells the noise of them all."""
@@ -65,7 +61,7 @@ def interpolated(values: jax.Array) -> Polynomial:
     largest = jnp.max(jnp.where(usable, jnp.abs(values), jnp.inf), axis=0)
     some = jnp.isfinite(largest) & (largest > 0)
     values = jnp.where(some, values / jnp.where(some, largest, 1.0), 0.0)
-    transformed = product(_TRANSFORM, values)
+    transformed = product(jnp.asarray(_TRANSFORM, values.dtype), values)
     rest = transformed[COEFFICIENTS:]
     noise = jnp.where(some, jnp.max(jnp.abs(rest), axis=0), 1.0)
     coefficients = lanes.materialise(Lane(transformed[:COEFFICIENTS])).array
@@ -76,7 +72,7 @@ def forms_on_arcs(polynomial: Polynomial, arcs: int, start: float = 0.0) -> jax.
     """(17, arcs, rows) the coefficients of the form on each of so many equal arcs, the first of
     which begins at an angle."""
     coefficients = polynomial.coefficients
-    matrix = _bernstein(arcs, start).reshape(-1, COEFFICIENTS)
+    matrix = jnp.asarray(_bernstein(arcs, start), coefficients.dtype).reshape(-1, COEFFICIENTS)
     forms = lanes.materialise(Lane(product(matrix, coefficients))).array
     return forms.reshape(COEFFICIENTS, arcs, coefficients.shape[1])
 

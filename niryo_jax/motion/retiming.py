@@ -14,6 +14,7 @@ from niryo_jax.arguments import check_choice, check_fits
 from niryo_jax.execution.compaction import at_once
 from niryo_jax.execution.padding import cut_rows, padded_rows
 from niryo_jax.jacobian import body_jacobian
+from niryo_jax.lanes.matrices import product
 from niryo_jax.motion.best_path import BestPath
 from niryo_jax.motion.extremes import largest
 from niryo_jax.motion.fastest import CHECKED, squared_rates
@@ -159,7 +160,7 @@ def _tool_rates(
     """What the tool turns and moves per change of s, (..., m) each."""
     if robot is None or cartesian is None:
         return None
-    twist = jnp.einsum("...ij,...j->...i", body_jacobian(robot, place.q), place.slope)
+    twist = product(body_jacobian(robot, place.q), place.slope[..., None])[..., 0]
     # In the tool frame the linear part is the velocity of the frame's origin.
     return norm(twist[..., :3]), norm(twist[..., 3:])
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 
 from niryo_jax.lanes.batching import as_floating
+from niryo_jax.lanes.matrices import product
 from niryo_jax.tolerances import DEPENDENT_ROW
 from niryo_jax.uncertainty.checks import check_covariance
 from niryo_jax.uncertainty.normal import radius_of
@@ -89,10 +90,10 @@ def _eigen_jvp(
     transposed = jnp.swapaxes(vectors, -1, -2)
     rate = tangents[0]
     rate = 0.5 * (rate + jnp.swapaxes(rate, -1, -2))
-    turned = jnp.matmul(jnp.matmul(transposed, rate, precision="highest"), vectors)
+    turned = product(product(transposed, rate), vectors)
     gaps = values[..., None, :] - values[..., :, None]
     scale = jnp.max(jnp.abs(values), axis=-1)[..., None, None]
     apart = jnp.abs(gaps) > DEPENDENT_ROW.of(values.dtype) * scale
     share = jnp.where(apart, turned / jnp.where(apart, gaps, 1.0), 0.0)
-    rates = jnp.diagonal(turned, axis1=-2, axis2=-1), jnp.matmul(vectors, share)
+    rates = jnp.diagonal(turned, axis1=-2, axis2=-1), product(vectors, share)
     return (values, vectors), rates

@@ -19,6 +19,7 @@ from jax.typing import ArrayLike
 
 from niryo_jax.arguments import Array, as_data, check_finite, check_fits, is_known, shown
 from niryo_jax.lanes.batching import as_floating, check_shape
+from niryo_jax.lanes.matrices import product
 from niryo_jax.uncertainty.checks import check_covariance, check_key
 from niryo_jax.uncertainty.normal import factor, standard_normal
 
@@ -174,7 +175,7 @@ class Gaussian(Noise):
     def _draw(self, key: ArrayLike, q: jax.Array, count: int) -> jax.Array:
         unit = standard_normal(key, (*q.shape[:-1], count, q.shape[-1]), q.dtype)
         lower = factor(self._covariance(q))
-        return jnp.matmul(unit, jnp.swapaxes(lower, -1, -2), precision="highest")
+        return product(unit, jnp.swapaxes(lower, -1, -2))
 
 
 @jax.tree_util.register_pytree_node_class

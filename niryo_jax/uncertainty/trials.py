@@ -18,6 +18,7 @@ from niryo_jax.arguments import check_fits, check_number, shown
 from niryo_jax.chain import forward_kinematics, tool_motion
 from niryo_jax.lanes import Lanes
 from niryo_jax.lanes.batching import as_floating, check_shape, on_joints
+from niryo_jax.lanes.matrices import product
 from niryo_jax.lie import se3, so3
 from niryo_jax.robot import Robot, check_is_robot
 from niryo_jax.specialise import Geometry, specialised
@@ -192,9 +193,9 @@ def _tried(
         weight = within[:, None]
         here = jnp.sum(errors * weight, axis=-2) / more
         rest = (errors - here[..., None, :]) * weight
-        scatter = scatter + _product(jnp.swapaxes(rest, -1, -2), rest)
+        scatter = scatter + product(jnp.swapaxes(rest, -1, -2), rest)
         apart, share = here - mean, more / (before + more)
-        scatter = scatter + _product(apart[..., :, None], apart[..., None, :]) * before * share
+        scatter = scatter + product(apart[..., :, None], apart[..., None, :]) * before * share
         return (mean + apart * share, scatter), norms
 
     start = jnp.zeros((*batch, 6), dtype), jnp.zeros((*batch, 6, 6), dtype)
@@ -202,7 +203,3 @@ def _tried(
     (mean, scatter), norms = jax.lax.scan(merge, start, numbers)
     norms = jnp.moveaxis(norms, 0, -2).reshape(*batch, len(numbers) * chunk)[..., :samples]
     return mean, scatter / (samples - 1), norms
-
-
-def _product(a: jax.Array, b: jax.Array) -> jax.Array:
-    return jnp.matmul(a, b, precision="highest")

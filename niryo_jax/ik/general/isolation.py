@@ -26,10 +26,10 @@ from niryo_jax.ik.trig_polynomial import (
     Polynomial,
     forms_on_arcs,
     most_roots,
-    product,
 )
 from niryo_jax.lanes import Lane
 from niryo_jax.lanes.batch_last import kept
+from niryo_jax.lanes.matrices import product
 
 ARCS = 32
 START = 2 * np.pi / ARCS / 7
@@ -154,8 +154,8 @@ def _step(margin: jax.Array, width: int, effort: Effort, state: _State) -> _Stat
     most = bound[:, 2].astype(jnp.int32)
     spent = tally(state.spent, owner, live)
     middle = 0.5 * (low + high)
-    forms = product(_HALVES.reshape(-1, COEFFICIENTS), items[:, _HEAD:].T)
-    forms = forms.reshape(2, COEFFICIENTS, width)
+    matrix = jnp.asarray(_HALVES, items.dtype).reshape(-1, COEFFICIENTS)
+    forms = product(matrix, items[:, _HEAD:].T).reshape(2, COEFFICIENTS, width)
     # The middle of the form is shorter than its ends by the cosine of a quarter of the arc.
     per = 1.0 / jnp.cos(0.25 * (high - low))
     powers = jnp.cumprod(jnp.broadcast_to(per, (FORM, width)), axis=0)

@@ -19,9 +19,10 @@ import numpy as np
 from niryo_jax import lanes
 from niryo_jax.execution.compaction import at_once
 from niryo_jax.ik.general.elimination import eliminated, solved
-from niryo_jax.ik.trig_polynomial import Polynomial, interpolated, nodes, product
+from niryo_jax.ik.trig_polynomial import Polynomial, interpolated, nodes
 from niryo_jax.lanes import Lane, Lanes
 from niryo_jax.lanes.batch_last import kept
+from niryo_jax.lanes.matrices import product
 from niryo_jax.lie import se3, so3
 from niryo_jax.specialise import Geometry
 from niryo_jax.structure.closure import COLUMNS, NODES, ClosureNumbers
@@ -88,7 +89,8 @@ def equations_and_polynomial(
 
 def _equations(numbers: ClosureNumbers, goal: Lanes, home: Lanes, rows: int) -> Equations:
     """The equations of target poses, (4, 4) lanes over the rows, of a tool that is at `home`."""
-    products = product(numbers.tensor.reshape(128, 8), _target(numbers, goal, home, rows))
+    target = _target(numbers, goal, home, rows)
+    products = product(numbers.tensor.reshape(128, 8).astype(target.dtype), target)
     products = kept(products).reshape(8, 2, 2, 2, 2, rows)
     table = products[:4]
     first, second = np.triu_indices(4, 1)
